@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -12,35 +12,31 @@ from ..records.dataset import Dataset, Segment
 # two and three floors with 1 % noise, a ratio of 0.6 leaves masses within 0.3 %; from 2
 # on they are within 2 % or gone.
 HIDING_NOISE = 1.5
-# Noise of a displacement over its rms from which on it is none, but another channel.
-MAX_NOISE = 0.2
 
 
-def unseen_drifts(data: Dataset) -> dict[int, float]:
+def unseen_drifts(data: Dataset, faults: Collection[str]) -> dict[int, float]:
     """Storeys whose drift is hidden by noise in every record.
+
+    Parameters
+    ----------
+    data : Dataset
+    faults : collection of str
+        Channels that contradict each other. Where there are any, no drift is called
+        hidden: what they disagree by was taken for noise.
 
     Returns
     -------
     dict of int to float
         Noise of the measured drift over the rms of the fused one, by storey.
     """
-    if any(_is_contradicted(segment) for segment in data.segments):
+    if faults:
         return {}
     ratios = np.min([_ratios(segment) for segment in data.segments], axis=0)
-    return {
-        storey: float(ratio)
-        for storey, ratio in enumerate(ratios, start=1)
-        if ratio > HIDING_NOISE
-    }
-
-
-def _is_contradicted(segment: Segment) -> bool:
-    """Whether what other channels of a floor contradict was taken for noise."""
-    x = np.cumsum(segment.s[segment.valid].astype(float), axis=1)
-    for dof, rms in enumerate(np.std(x, axis=0), start=1):
-        if segment.noise.get(f"x{dof}", 0.0) > MAX_NOISE * rms:
-            return True
-    return False
+    hidden = {}
+    for storey, ratio in enumerate(ratios.tolist(), start=1):
+        if ratio > HIDING_NOISE:
+            hidden[storey] = ratio
+    return hidden
 
 
 def _ratios(segment: Segment) -> list[float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -54,6 +54,8 @@ def balance_report(request: LoopRequest, concluded: BalanceJudgement) -> LoopRep
     identified = concluded.identified
     report = with_final_estimate(report, identified)
     beyond_noise = _beyond_noise(final, identified)
+    faults = suspect_channels(request.all_records)
+    hidden = unseen_drifts(outcome.measured.data, faults)
     report = replace(
         report,
         steps=_with_remainders(report.steps, final, beyond_noise),
@@ -63,9 +65,9 @@ def balance_report(request: LoopRequest, concluded: BalanceJudgement) -> LoopRep
         free_runs=_free_runs(report, outcome, final),
         lack_of_fit=_lack_of_fit(outcome.result.general),
         beyond_noise=beyond_noise,
-        alternatives=_alternatives(request, outcome, report),
-        unseen_drifts=unseen_drifts(outcome.measured.data),
-        faults=suspect_channels(request.all_records),
+        alternatives=_alternatives(request, outcome, report, hidden),
+        unseen_drifts=hidden,
+        faults=faults,
         quality=_quality(outcome, final),
     )
     return _with_wiring(_with_ambiguity(report), request)
@@ -82,8 +84,8 @@ def _beyond_noise(
     if identified is None:
         return errors
     unexplained = dict(enumerate(errors.tolist(), start=1))
-    beyond = unexplained | identified.beside_noise.beyond(unexplained)
-    return np.array([beyond[j] for j in unexplained])
+    remaining = identified.beside_noise.remaining(unexplained)
+    return np.array([remaining[j] for j in unexplained])
 
 
 def _with_remainders(
@@ -153,11 +155,14 @@ def _with_wiring(report: LoopReport, request: LoopRequest) -> LoopReport:
 
 
 def _alternatives(
-    request: LoopRequest, outcome: BalanceOutcome, report: LoopReport
+    request: LoopRequest,
+    outcome: BalanceOutcome,
+    report: LoopReport,
+    hidden: Mapping[int, float],
 ) -> tuple[Alternative, ...]:
     """What the data allow beside the final model, if it may be used."""
     identified = report.identified
-    if unseen_drifts(outcome.measured.data):
+    if hidden:
         return ()
     if identified is not None and identified.free_runs.error < GOOD_RUN:
         return identified.alternatives

@@ -18,7 +18,7 @@ HARMONIC_SHARE = 0.6
 LEAST_SHARE_OF_A_LINE = 0.2
 # Bins of the record on each side of a line that belong to it.
 BINS_OF_A_LINE = 3
-# Bins of the record from a multiple of the driving frequency within which no line is
+# Bins of the record from a multiple of a driving frequency within which no line is
 # looked for.
 BINS_AROUND_DRIVE = 4.0
 # Lines of each kind that are tried.
@@ -49,13 +49,14 @@ def driving_lines(drive: np.ndarray, dt: float) -> tuple[float, ...]:
     lines = []
     while True:
         top = int(np.argmax(power))
-        line = power[max(top - BINS_OF_A_LINE, 0) : top + BINS_OF_A_LINE + 1]
-        if not line.sum() > LEAST_SHARE_OF_A_LINE * total:
+        bins = slice(max(top - BINS_OF_A_LINE, 0), top + BINS_OF_A_LINE + 1)
+        if not power[bins].sum() > LEAST_SHARE_OF_A_LINE * total:
             break
         lines.append(top / (n_samples * dt))
-        line[:] = 0.0
-    is_harmonic = power.sum() < (1.0 - HARMONIC_SHARE) * total
-    return tuple(lines) if is_harmonic else ()
+        power[bins] = 0.0
+
+    of_lines = total - power.sum()
+    return tuple(lines) if of_lines > HARMONIC_SHARE * total else ()
 
 
 def driven_at(segment: Segment) -> tuple[float, ...]:

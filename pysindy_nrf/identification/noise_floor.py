@@ -39,8 +39,8 @@ LEAST_SHARE = 0.01
 N_UNRESOLVED = 1
 # Times what noise leaves that is taken for noise: one draw shows it to a fifth.
 TIMES_NOISE = 1.2
-# Standard errors of the estimate that are taken for noise.
-ERRORS = 2.0
+# Standard errors of the estimate that are taken for noise: 95 %.
+STANDARD_ERRORS = 2.0
 # A verdict on the same data is the same, so its noise is.
 _SEED = 0
 
@@ -60,6 +60,10 @@ class BesideNoise:
 
     left_over: dict[int, LeftOver] = field(default_factory=dict)
     noise: dict[int, float] = field(default_factory=dict)
+
+    def remaining(self, unexplained: Mapping[int, float]) -> dict[int, float]:
+        """What equations leave, percent, by DOF: beyond noise where it is known."""
+        return {**unexplained, **self.beyond(unexplained)}
 
     def beyond(self, unexplained: Mapping[int, float]) -> dict[int, float]:
         """What equations leave beyond noise, percent, by DOF."""
@@ -102,10 +106,10 @@ def beside_noise(
     noise = _powers_by_octave(of_noise, step, n_octaves)
     powers = _powers_by_octave(residual.balance, step, n_octaves)
     for other in half_samples:
-        beside = residual_of(other, data, filters).balance
-        of_error = [there - here for there, here in zip(beside, residual.balance)]
-        power = _powers_by_octave(of_error, step, n_octaves)
-        noise += ERRORS**2 * power / len(half_samples)
+        residual_beside = residual_of(other, data, filters)
+        errors = _differences(residual_beside.balance, residual.balance)
+        powers_of_errors = _powers_by_octave(errors, step, n_octaves)
+        noise += STANDARD_ERRORS**2 * powers_of_errors / len(half_samples)
 
     known = BesideNoise()
     for j, reference in enumerate(residual.reference["reference"][: model.n_dof]):
@@ -154,11 +158,19 @@ def _residual_of_noise(
         )
         residuals.append(residual_of(model, fused, problem.filters(fused)).balance)
 
+    plain, with_noise = residuals
+    return _differences(with_noise, plain), data.segments[0].step
+
+
+def _differences(
+    residuals: Sequence[np.ndarray], others: Sequence[np.ndarray]
+) -> list[np.ndarray]:
+    """Differences of two residuals, record by record, as long as the shorter one."""
     differences = []
-    for plain, more in zip(*residuals):
-        n_samples = min(len(plain), len(more))
-        differences.append(more[:n_samples] - plain[:n_samples])
-    return differences, data.segments[0].step
+    for residual, other in zip(residuals, others):
+        n_samples = min(len(residual), len(other))
+        differences.append(residual[:n_samples] - other[:n_samples])
+    return differences
 
 
 def _stretch(problem: Problem, data: Dataset, number: int) -> Record:

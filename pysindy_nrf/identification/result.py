@@ -350,7 +350,8 @@ class IdentificationResult(PlainState):
         self, table: pd.DataFrame, of: AskedFor, level: float
     ) -> tuple[AmbiguousInterval, ...]:
         """Intervals of a table that alternatives widen, or that they forbid."""
-        among = OpenAlternatives.among(self.alternatives, self.remaining)
+        remaining = self.beside_noise.remaining(self.unexplained)
+        among = OpenAlternatives.among(self.alternatives, remaining)
         if not among.alternatives or table["lower"].isna().all():
             return ()
         known_masses = self.intervals.resolver.known_masses
@@ -495,9 +496,21 @@ class IdentificationResult(PlainState):
         return {int(str(name)[4:]): float(error) for name, error in errors.items()}
 
     @cached_property
+    def channel_faults(self) -> dict[str, bool]:
+        """Channels of a floor that contradict each other, and whether that is sure."""
+        return {} if self.data is None else suspect_channels(self.data.records)
+
+    @cached_property
+    def unseen_drifts(self) -> dict[int, float]:
+        """Noise over rms of the drift of each storey that noise hides."""
+        if self.data is None:
+            return {}
+        return unseen_drifts(self.data, self.channel_faults)
+
+    @cached_property
     def alternatives(self) -> tuple[Alternative, ...]:
         """What the data allow besides the model, where every floor has a sensor."""
-        if self.data is None or self.motions or unseen_drifts(self.data):
+        if self.data is None or self.motions or self.unseen_drifts:
             return ()
         data, identified = self.data, None
         if not self.biased_by_noise and self.free_runs.error < GOOD_RUN:
@@ -519,11 +532,6 @@ class IdentificationResult(PlainState):
         except NRFError:
             # a stretch of these records is no record by itself
             return BesideNoise()
-
-    @property
-    def remaining(self) -> dict[int, float]:
-        """What each equation keeps, percent, beyond noise where that is known."""
-        return {**self.unexplained, **self.beside_noise.beyond(self.unexplained)}
 
     @cached_property
     def kinds_of_nonlinearity(self) -> dict[str, str]:
@@ -561,14 +569,10 @@ class IdentificationResult(PlainState):
 
         runs = None
         shares: Mapping[str, float] = {}
-        faults: Mapping[str, bool] = {}
-        hidden: Mapping[int, float] = {}
         ends: tuple[ShapeAtEnd, ...] = ()
         if self.data is not None:
-            hidden = unseen_drifts(self.data)
             runs = self.free_runs
             shares = shares_of(self.model, self.data)
-            faults = suspect_channels(self.data.records)
             if self.declared is not None:
                 resolver = self.intervals.resolver
                 ends = shapes_at_ends(self.declared, self.problem, self.data, resolver)
@@ -582,10 +586,10 @@ class IdentificationResult(PlainState):
             beyond_noise=self.beside_noise.beyond(self.unexplained),
             left_over=self.beside_noise.left_over,
             holds=tuple(holds.values()),
-            channel_faults=faults,
+            channel_faults=self.channel_faults,
             quality=examined.quality,
             n_records=examined.n_records,
-            unseen_drifts=hidden,
+            unseen_drifts=self.unseen_drifts,
             shapes_at_ends=ends,
             alternatives=self.alternatives,
             ambiguous_intervals=self.ambiguous_intervals,

@@ -54,8 +54,8 @@ BESIDE_MAINS = 2.0
 # its share of the rms.
 MAINS_OVER_SURROUNDINGS = 1000.0
 MIN_HUM = 0.01
-# Harmonics of another line that may lie at the frequency of the mains: those of a load
-# of 5 Hz and more.
+# Highest harmonic of a load that is looked for at the frequency of the mains: that of a
+# load of 5 or 6 Hz.
 MAX_HARMONIC = 10
 
 

@@ -125,10 +125,12 @@ def test_blows_that_only_push_accuse_neither_force_nor_channels(milliseconds):
 
 def test_exchanged_sensors_are_named_though_they_hide_the_drift_between_them():
     """What displacement and acceleration of a floor disagree by is no noise."""
-    storeys = {}
-    for i, stiffness in enumerate((9e5, 8e5, 7e5, 5e5), 1):
-        storeys[i] = spring_and_dashpot(stiffness, 2.5e-4 * stiffness)
-    storeys[3].append(laws.CubicStiffness(5e11))
+    storeys = {
+        1: spring_and_dashpot(9e5, 220.0),
+        2: spring_and_dashpot(8e5, 200.0),
+        3: [*spring_and_dashpot(7e5, 180.0), laws.CubicStiffness(5e11)],
+        4: spring_and_dashpot(5e5, 150.0),
+    }
     model = ChainModel([30.0, 28.0, 26.0, 22.0], storeys)
 
     t = np.arange(0, 40, 1 / 200)

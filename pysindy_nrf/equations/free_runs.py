@@ -78,7 +78,8 @@ def states_in(
         for number, law in enumerate(group):
             if law.has_memory:
                 state = np.zeros(law.n_states)
-                law.features(segment.motion(site, rows), state)
+                if row > segment.first_row:
+                    law.features(segment.motion(site, rows), state)
                 states[site, number] = state
     return states
 

@@ -242,6 +242,9 @@ class Facts:
         The same beyond what noise leaves; DOFs where that is not known are left out.
     left_over : mapping of int to LeftOver
         Residual of each DOF whose noise is known.
+    channel_error : float
+        Largest share of a measured channel that the free run misses beyond its noise,
+        where some floor has no sensor.
     holds : tuple of str
         What the model holds besides linear storeys, in words.
     impossible_masses : mapping of int to float
@@ -295,6 +298,7 @@ class Facts:
     unexplained: Mapping[int, float] = field(default_factory=dict)
     beyond_noise: Mapping[int, float] = field(default_factory=dict)
     left_over: Mapping[int, LeftOver] = field(default_factory=dict)
+    channel_error: float = 0.0
     holds: tuple[str, ...] = ()
     impossible_masses: Mapping[int, float] = field(default_factory=dict)
     negative_stiffness: tuple[str, ...] = ()

@@ -49,6 +49,12 @@ ALL = 100.0
 # from which on it is worth a word. Four draws of noise scatter by a third at most.
 ABOVE_NOISE = 3.0
 NOTICED = 5.0
+# Share of a measured channel that a free run may miss beyond its noise, where some
+# floor has no sensor. Zeros of sensors that are off by 1 % of the rms leave up to 1 %
+# and move no mass. A gain of 6 %, or 3 % of the motion of another floor, leaves 2 to
+# 6 % and moves masses by 1 to 6 %, beyond their intervals (four frames of four floors,
+# two or three accelerometers, up to 0.5 % of noise).
+MISSED = 0.01
 # Relative change of a parameter beyond which its size says nothing more.
 BEYOND_MEANING = 10.0
 # Alternatives that are named, those that leave least.
@@ -180,6 +186,28 @@ def _is_missing(left_over: LeftOver | None) -> bool:
     if left_over is None:
         return False
     return left_over.rms > ABOVE_NOISE * left_over.noise and left_over.percent > NOTICED
+
+
+def missed_channels(facts: Facts) -> list[Reason]:
+    """A measured channel that the free run misses beyond its noise."""
+    if facts.channel_error <= MISSED:
+        return []
+    message = missed_channel(facts.channel_error, facts.searched)
+    size = 100 * facts.channel_error
+    severity: Severity = "red" if size > OPEN else "amber"
+    return [Reason("residual", severity, message, "measured channels", size)]
+
+
+def missed_channel(share: float, searched: bool = False) -> str:
+    """A sentence on what a free run misses of a channel beyond its noise."""
+    remedy = "Search for the missing law (close_loop)."
+    if searched:
+        remedy = "No effect of the catalogue explains it."
+    return (
+        f"The model misses {100 * share:.2g} % of a measured channel beyond its noise."
+        " Intervals of motions contain this error, intervals of parameters do not."
+        f" {remedy}"
+    )
 
 
 def _in_band(left_over: LeftOver) -> str:
@@ -624,6 +652,7 @@ def unknown_noise(facts: Facts) -> list[Reason]:
 RULES: tuple[Callable[[Facts], list[Reason]], ...] = (
     unexplained_equations,
     residuals_above_noise,
+    missed_channels,
     impossible_masses,
     negative_stiffness,
     undetermined_masses,

@@ -14,12 +14,8 @@ import pandas as pd
 
 from ..diagnosis.verdict import FreeRuns
 from ..exceptions import NRFError
-from ..identification.fewer_sensors import (
-    estimate,
-    negative_dampers,
-    poorly_determined,
-    shot_of,
-)
+from ..identification.fewer_sensors import estimate, shot_of
+from ..identification.result import IdentificationResult
 from ..records.checks.channel_checks import measured
 from . import judge, wording
 from .candidate_search import SEARCH, best_findings
@@ -27,6 +23,7 @@ from .channel_spectra import CHANNELS
 from .course import Course
 from .decision import Decision, FoundEffect, falls_on_heldout
 from .effects import Candidate, Finding, RankedFinding
+from .final_estimate import with_final_estimate
 from .heldout import JudgedModel
 from .judge import JUDGE
 from .judgement import Judgement, report_of
@@ -49,8 +46,6 @@ class ChannelStart:
 
     models: RunModels
     first: ChannelState
-    # What is doubtful of the declared model, in sentences.
-    notes: list[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +71,16 @@ class ChannelOutcome:
     last: Sequence[SettledFinding]
 
 
+@dataclass(frozen=True, eq=False)
+class ChannelJudgement:
+    """What the loop concludes, and the final estimate; None if nothing is claimed."""
+
+    judgement: Judgement
+    identified: IdentificationResult | None
+
+
 class ChannelLoop(
-    Course[FittedRuns, SplitRuns, ChannelStart, ChannelOutcome, Judgement]
+    Course[FittedRuns, SplitRuns, ChannelStart, ChannelOutcome, ChannelJudgement]
 ):
     """The loop on records in which floors have no sensor.
 
@@ -97,12 +100,10 @@ class ChannelLoop(
             shots.append(shot_of(record, number, problem.chain.n_dof))
 
         n_searched = len(request.records)
-        fit, solution, notes = estimate(
-            problem, shots[:n_searched], problem.known_masses
-        )
-        hold = fit.shots[0].hold
+        declared = estimate(problem, shots[:n_searched], problem.known_masses)
+        hold = declared.fit.shots[0].hold
         heldout = [shot.with_hold(hold) for shot in shots[n_searched:]]
-        return FittedRuns([*fit.shots, *heldout], solution.model, notes)
+        return FittedRuns([*declared.fit.shots, *heldout], declared)
 
     def split(self, records: FittedRuns) -> SplitRuns:
         """Cut the records into folds; no fit reads what is held out."""
@@ -121,12 +122,11 @@ class ChannelLoop(
         problem = replace(self.request.problem, band=self.request.band)
         models = RunModels(problem, folds)
         declared = models.declared()
-        fit = models.fit(folds.runs.model, declared.search, CHANNELS.fit_steps)
-        model = fit.solution.model
+        model = models.fit(folds.runs.model, declared.search, CHANNELS.fit_steps).model
         first = models.settle("baseline", declared.search, model)
         if first is None:
             first = models.linearise("baseline", model, model.laws)
-        return ChannelStart(models, first, folds.runs.notes)
+        return ChannelStart(models, first)
 
     # -- search ----------------------------------------------------------------
 
@@ -142,7 +142,7 @@ class ChannelLoop(
                 number = _accepted(outcome.last)
                 if number is None:
                     break
-                outcome = _with_step(outcome, number)
+                outcome = _with_step(outcome, number, bool(self.request.heldout))
                 if not outcome.steps[-1].confirmed:
                     break
         return outcome
@@ -159,29 +159,29 @@ class ChannelLoop(
 
     # -- judge, report ---------------------------------------------------------
 
-    def judge(self, outcome: ChannelOutcome) -> Judgement:
-        """What may be claimed of the effects."""
+    def judge(self, outcome: ChannelOutcome) -> ChannelJudgement:
+        """What may be claimed of the effects, by the final estimate."""
         steps, judged = outcome.steps, outcome.judged
         final = judged.index(outcome.final.judged)
-        nothing_claimed = False
+        stopped = [self._why_stopped(outcome)]
+        identified = None
         try:
-            stopped = [self._why_stopped(outcome), *outcome.start.notes]
-            stopped += _doubts(outcome)
+            identified = outcome.start.models.final_estimate(outcome.final)
         except NRFError as error:
-            nothing_claimed = True
-            stopped = [*wording.no_claim(error.what), *outcome.start.notes]
+            stopped = wording.no_claim(error.what)
             steps, judged = [], judged[:1]
             final = 0
 
-        return Judgement(
+        judgement = Judgement(
             steps,
             judged,
             final,
             stopped,
             judged[final].model.spectra.band,
             [settled.ranked for settled in outcome.last],
-            nothing_claimed,
+            identified is None,
         )
+        return ChannelJudgement(judgement, identified)
 
     def _why_stopped(self, outcome: ChannelOutcome) -> str:
         """Why no further effect was added."""
@@ -192,20 +192,31 @@ class ChannelLoop(
             return wording.enough_effects(max_steps)
         return wording.best_refused([settled.ranked for settled in outcome.last])
 
-    def report(self, judgement: Judgement) -> LoopReport:
+    def report(self, concluded: ChannelJudgement) -> LoopReport:
         """Gather what the user reads."""
         request = self.request
-        by_dof = {}
-        for name, error in judgement.final_model.errors.items():
-            if name.startswith("held-out dof"):
-                by_dof[name.removeprefix("held-out ")] = error
-
-        report = report_of(request, judgement, "none: channels are taken as they are")
-        return replace(
-            report,
+        judgement, identified = concluded.judgement, concluded.identified
+        visited = None if identified is None else identified.model.visited
+        calibration = "none: channels are taken as they are"
+        report = replace(
+            report_of(request, judgement, calibration, visited),
             measured=[measured(record) for record in request.all_records],
-            free_runs=FreeRuns(pd.DataFrame(by_dof, ["measured channels"])),
+            free_runs=_free_runs(judgement, identified),
         )
+        return with_final_estimate(report, identified)
+
+
+def _free_runs(
+    judgement: Judgement, identified: IdentificationResult | None
+) -> FreeRuns:
+    """Errors of the measured channels; of those held out without a final estimate."""
+    if identified is not None:
+        return identified.free_runs
+    by_dof = {}
+    for name, error in judgement.final_model.errors.items():
+        if name.startswith("held-out dof"):
+            by_dof[name.removeprefix("held-out ")] = error
+    return FreeRuns(pd.DataFrame(by_dof, ["measured channels"]))
 
 
 def _settled_findings(
@@ -250,7 +261,9 @@ def _accepted(findings: Sequence[SettledFinding]) -> int | None:
     return number if judge.is_there(reduction) and is_large else None
 
 
-def _with_step(outcome: ChannelOutcome, number: int) -> ChannelOutcome:
+def _with_step(
+    outcome: ChannelOutcome, number: int, has_records: bool
+) -> ChannelOutcome:
     """The outcome with one effect more, refined and judged on held-out data.
 
     The final model has it if it is confirmed.
@@ -265,13 +278,18 @@ def _with_step(outcome: ChannelOutcome, number: int) -> ChannelOutcome:
     confirmed = falls_on_heldout(effect.law, before, state.judged)
     decision = Decision(effect, before, state.judged, confirmed)
     draft = draft_step(pair, decision, rivals)
+    heldout = decision.heldout_reduction
     certain = draft.plausible and draft.confirmed and not draft.alternatives
-    remainder = state.judged.error / before.error
     step = replace(
         draft.step,
-        sure=certain,
-        remainder=remainder,
+        sure=certain and has_records,
+        remainder=state.judged.error / before.error,
         evidence=draft.step.evidence + _not_told_from(rivals),
+        effect_class=effect.template.effect_class,
+        closest=effect.law.name,
+        judged_by="another record" if has_records else "another time",
+        judged_reduction=heldout.value,
+        judged_error=heldout.standard_error,
     )
     return replace(
         outcome,
@@ -287,18 +305,3 @@ def _not_told_from(rivals: Iterable[Finding]) -> str:
     return "".join(
         f"; the channels cannot distinguish it from {name}" for name in names
     )
-
-
-def _doubts(outcome: ChannelOutcome) -> list[str]:
-    """What the channels give poorly of the final model, in sentences.
-
-    Raises
-    ------
-    NRFError
-        If they do not give its parameters at all.
-    """
-    state = outcome.final
-    model = state.judged.model.chain_model()
-    fit = outcome.start.models.fit(model, state.search, 0)
-    doubts = poorly_determined(fit.solution, fit.rebuild)
-    return doubts + negative_dampers(fit.solution, fit.rebuild)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -11,15 +11,17 @@ import numpy as np
 from ..chain.layout import LawLayout
 from ..chain.model import ChainModel
 from ..exceptions import NRFError
-from ..identification.fewer_sensors import Linearised
+from ..identification.channel_estimate import ChannelEstimate, refined
+from ..identification.channel_fit import result_from_channels
+from ..identification.fewer_sensors import Linearised, identification_of
 from ..identification.output_error import (
     FreeRunFit,
-    Rebuild,
     Shot,
     Solution,
     free_parameters,
 )
 from ..identification.problem import Problem
+from ..identification.result import IdentificationResult
 from .candidate_search import polished
 from .channel_spectra import CHANNELS, ChannelData, ChannelSpectra
 from .effects import Effect, SearchState
@@ -31,12 +33,23 @@ from .windows import ChannelWindows
 
 @dataclass(frozen=True, eq=False)
 class FittedRuns:
-    """The free run of the declared model, fitted to the records."""
+    """The free run of the declared model, fitted to the records.
+
+    Attributes
+    ----------
+    shots : list of Shot
+        Of all records; those held out completely stand last.
+    estimate : ChannelEstimate
+        From all samples of the others.
+    """
 
     shots: list[Shot]
-    model: ChainModel
-    # What is doubtful of the fit, in sentences.
-    notes: list[str]
+    estimate: ChannelEstimate
+
+    @property
+    def model(self) -> ChainModel:
+        """The declared model."""
+        return self.estimate.solution.model
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,14 +70,6 @@ class ChannelState:
     search: SearchState
 
 
-@dataclass(frozen=True, eq=False)
-class RunFit:
-    """A model fitted by its free run, and how it is rebuilt from free parameters."""
-
-    solution: Solution
-    rebuild: Rebuild
-
-
 class RunModels:
     """Models, each linearised about its free run.
 
@@ -76,6 +81,7 @@ class RunModels:
 
     def __init__(self, problem: Problem, split_runs: SplitRuns) -> None:
         self.problem = problem
+        self.declared_estimate = split_runs.runs.estimate
         self.shots = split_runs.runs.shots
         self.folds = split_runs.folds
         self.length = split_runs.length
@@ -144,41 +150,73 @@ class RunModels:
                 state, model = polished(new.search), None
         return best
 
-    def fit(self, model: ChainModel, state: SearchState, steps: int) -> RunFit:
+    def fit(self, model: ChainModel, state: SearchState, steps: int) -> Solution:
         """Fit the free run of a model to all rows that are not held out.
 
         By the sensitivities and initial states of its free run.
         """
+        used = [shot for shot in self.shots if shot.weights.any()]
+        fit = self._fit_to(used, model, state.effects)
+        solution = fit.solve(fit.rebuild.start, steps=steps, move=True)
+        # later runs begin from the initial states that were estimated
+        begun = iter(fit.begun_from(solution).shots)
+        self.shots = [next(begun) if s.weights.any() else s for s in self.shots]
+        return solution
+
+    def _fit_to(
+        self, shots: Sequence[Shot], model: ChainModel, effects: Sequence[Effect]
+    ) -> FreeRunFit:
+        """A fit of masses, coefficients and free shape parameters to some shots."""
         shapes = []
-        for effect in state.effects:
-            number = state.model.laws[effect.site].index(effect.law)
+        for effect in effects:
+            number = _number_of(effect, model)
             for shape in effect.law.shapes:
                 if effect.template.shape[shape.name] is None:
                     shapes.append((effect.site, number, shape))
         rebuild = free_parameters(model, self.problem.known_masses, shapes=shapes)
-        used = [shot for shot in self.shots if shot.weights.any()]
         layout = LawLayout(model.chain, model.laws)
-        fit = FreeRunFit(rebuild, used, layout, self.problem.band)
-        solution = fit.solve(rebuild.start, steps=steps, move=True)
-        # later runs begin from the initial states that were estimated
-        begun = iter(fit.begun_from(solution).shots)
-        self.shots = [next(begun) if s.weights.any() else s for s in self.shots]
-        return RunFit(solution, rebuild)
+        return FreeRunFit(rebuild, shots, layout, self.problem.band)
+
+    def final_estimate(self, state: ChannelState) -> IdentificationResult:
+        """The estimate of a model from all samples of the records that are searched.
+
+        Raises
+        ------
+        NRFError
+            If the channels do not determine it, or its free run leaves them.
+        """
+        model, effects = state.judged.model.chain_model(), state.search.effects
+        estimate = self.declared_estimate
+        if effects:
+            searched = [shot for shot in self.shots if shot.weights.any()]
+            weights = [shot.weights for shot in estimate.fit.shots]
+            shots = [replace(s, weights=w) for s, w in zip(searched, weights)]
+            estimate = refined(self._fit_to(shots, model, effects))
+
+        free = {site: list(group) for site, group in model.laws.items()}
+        for effect in effects:
+            free[effect.site][_number_of(effect, model)] = effect.template
+        problem = replace(self.problem, laws=model.laws)
+        result = result_from_channels(identification_of(problem, estimate))
+        return replace(result, declared=problem.with_laws(free))
 
     def refine(self, judged: JudgedModel, state: SearchState) -> ChannelState | None:
         """A settled model fitted by its free run; None if this misses no less."""
         with suppress(NRFError):
             model = judged.model.chain_model()
-            best = self.fit(model, state, CHANNELS.fit_steps).solution.model
+            best = self.fit(model, state, CHANNELS.fit_steps).model
             effects = []
             for effect in state.effects:
-                number = state.model.laws[effect.site].index(effect.law)
-                law = best.laws[effect.site][number]
-                effects.append(replace(effect, law=law))
+                effects.append(replace(effect, law=effect.law_in(best)))
             new = self.linearise(judged.name, best, best.laws, effects)
             if new.judged.model.reduction_from(judged.model).value > 0:
                 return new
         return None
+
+
+def _number_of(effect: Effect, model: ChainModel) -> int:
+    """Number of the law of an effect among those at its site."""
+    return model.laws[effect.site].index(effect.law_in(model))
 
 
 def judge_run(name: str, model: ChainModel, linear: FittedModel) -> JudgedModel:

@@ -103,6 +103,24 @@ def estimate(
     return ChannelEstimate(best.fit, best.solution, rivals)
 
 
+def refined(fit: FreeRunFit) -> ChannelEstimate:
+    """The end of a fit that begins near it, weighted by the noise that it shows.
+
+    Raises
+    ------
+    NRFError
+        If the first free run diverges.
+    """
+    solution = fit.solve(
+        fit.rebuild.start,
+        steps=SETTINGS.law_steps,
+        move=True,
+        settled=SETTINGS.settled,
+    )
+    trial = _with_learned_noise(Trial(fit.begun_from(solution), solution))
+    return ChannelEstimate(trial.fit, trial.solution, [])
+
+
 def _require_length(shots: Sequence[Shot]) -> None:
     longest = max(shots, key=attrgetter("n_samples"))
     if longest.n_samples < MIN_ROWS:

@@ -13,7 +13,7 @@ from ..exceptions import BiasWarning, NRFWarning
 from ..records.dataset import Dataset
 from ..records.input_arrays import Input, InputSettings, as_dataset
 from .examination import Examination, Finding
-from .fewer_sensors import identify_from_channels
+from .fewer_sensors import ChannelIdentification, identify_from_channels
 from .methods import RECORDS, IdentificationMethod, result_of
 from .problem import Problem
 from .result import IdentificationResult
@@ -34,28 +34,45 @@ class ChannelFit(IdentificationMethod[Dataset]):
     def identify(self, problem: Problem, data: Dataset) -> IdentificationResult:
         """Masses and laws of a problem, and the motions of all floors."""
         fit = identify_from_channels(problem, data.records)
-        along_runs = Finding(
-            fit.estimate,
-            fit.runs,
-            asked=self.asked,
-            method=self.name,
-            notes=tuple(fit.notes),
-            details={"sensors": fit.channels, "doubts": fit.doubts},
-            resolver=fit.resolver,
-        )
-        # the errors of balances along the free runs are not asked for
-        with warnings.catch_warnings(action="ignore", category=NRFWarning):
-            result = result_of(along_runs)
-        if fit.notes:
-            warn_user(" ".join(fit.notes), BiasWarning)
-        return replace(
-            result,
-            errors=fit.errors,
-            motions=fit.motions,
-            examination=Examination(masses=fit.notes),
-            doubts=tuple(fit.doubts),
-            channel_runs=_runs_of_channels(fit.errors),
-        )
+        result = result_from_channels(fit, self.asked)
+        doubts = result.data_warnings["masses"]
+        if doubts:
+            warn_user(" ".join(doubts), BiasWarning)
+        return result
+
+
+def result_from_channels(
+    fit: ChannelIdentification, asked: str = "auto"
+) -> IdentificationResult:
+    """The result of an estimate from channels.
+
+    Parameters
+    ----------
+    fit : ChannelIdentification
+    asked : str
+        The setting of ``estimation``.
+    """
+    along_runs = Finding(
+        fit.estimate,
+        fit.runs,
+        asked=asked,
+        method=ChannelFit.name,
+        notes=tuple(fit.notes),
+        details={"sensors": fit.channels, "doubts": fit.doubts},
+        resolver=fit.resolver,
+    )
+    # the errors of balances along the free runs are not asked for
+    with warnings.catch_warnings(action="ignore", category=NRFWarning):
+        result = result_of(along_runs)
+    return replace(
+        result,
+        errors=fit.errors,
+        motions=fit.motions,
+        examination=Examination(masses=fit.notes),
+        doubts=tuple(fit.doubts),
+        channel_runs=_runs_of_channels(fit.errors),
+        channel_error=fit.model_error,
+    )
 
 
 def _runs_of_channels(errors: pd.DataFrame) -> FreeRuns:

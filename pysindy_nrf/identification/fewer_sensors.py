@@ -19,7 +19,7 @@ from ..exceptions import (
 from ..records.dataset import Dataset
 from ..records.input_arrays import lacks_motion
 from ..records.record import Record
-from .channel_estimate import estimate
+from .channel_estimate import ChannelEstimate, estimate
 from .channel_shots import shot_of
 from .determination import negative_dampers, poorly_determined
 from .fewer_sensors_settings import SETTINGS
@@ -34,6 +34,7 @@ from .problem import Estimate, Problem, least_squares
 __all__ = [
     "Linearised",
     "estimate",
+    "identification_of",
     "identify_from_channels",
     "lacks_motion",
     "negative_dampers",
@@ -64,6 +65,8 @@ class ChannelIdentification:
         Why the chain may be another one; intervals are then withheld.
     notes : list of str
         All that a user should know, doubts first.
+    model_error : float
+        Largest share of a measured channel that the free run misses beyond its noise.
     """
 
     estimate: Estimate
@@ -74,6 +77,7 @@ class ChannelIdentification:
     motions: list[pd.DataFrame]
     doubts: list[str]
     notes: list[str]
+    model_error: float
 
 
 def identify_from_channels(
@@ -101,7 +105,22 @@ def identify_from_channels(
         shot_of(record, number, problem.chain.n_dof)
         for number, record in enumerate(records)
     ]
-    fit, solution, rivals = estimate(problem, shots, known, problem.constraints)
+    return identification_of(
+        problem, estimate(problem, shots, known, problem.constraints)
+    )
+
+
+def identification_of(
+    problem: Problem, fitted: ChannelEstimate
+) -> ChannelIdentification:
+    """What follows from the best fit of a free run to the channels.
+
+    Raises
+    ------
+    IdentifiabilityError
+        If the channels do not determine the chain, or no chain follows them.
+    """
+    fit, solution, rivals = fitted
     doubts = rivals + negative_dampers(solution, fit.rebuild)
     notes = doubts + poorly_determined(solution, fit.rebuild)
     model = solution.model
@@ -110,15 +129,18 @@ def identify_from_channels(
     _require_followed_channels(errors)
     model_errors = [error_beyond_noise(fit, shot, model) for shot in fit.shots]
     notes += _contradicted_values(problem, solution, fit.rebuild)
-    notes += _note_on_model_error(max(model_errors))
 
     runs = Dataset(
         [shot.run(model) for shot in fit.shots],
-        sum(len(shot.segment.F) for shot in shots),
+        sum(len(shot.segment.F) for shot in fit.shots),
     )
     along_runs = _equations_along(runs, problem, solution)
     resolver = InfluenceResolver(
-        along_runs.grams, along_runs.order, known, best=solution, rebuild=fit.rebuild
+        along_runs.grams,
+        along_runs.order,
+        dict(problem.known_masses),
+        best=solution,
+        rebuild=fit.rebuild,
     )
     motions = []
     for number, error in enumerate(model_errors):
@@ -132,6 +154,7 @@ def identify_from_channels(
         motions=motions,
         doubts=doubts,
         notes=notes,
+        model_error=max(model_errors),
     )
 
 
@@ -174,16 +197,6 @@ def _contradicted_values(
                 f" {values[name]:.4g}."
             )
     return notes
-
-
-def _note_on_model_error(share: float) -> list[str]:
-    if share <= 0:
-        return []
-    return [
-        f"The model misses {100 * share:.2g} % of a measured channel beyond its noise."
-        " Intervals of motions contain this error, intervals of parameters do not."
-        " Search for the missing law (close_loop)."
-    ]
 
 
 def _equations_along(runs: Dataset, problem: Problem, solution: Solution) -> Estimate:

@@ -28,7 +28,7 @@ from ..diagnosis.facts import (
 )
 from ..diagnosis.free_run import FreeRuns, free_runs, spread_of
 from ..diagnosis.open_alternatives import OpenAlternatives
-from ..diagnosis.rules import GOOD_RUN
+from ..diagnosis.rules import GOOD_RUN, missed_channel
 from ..diagnosis.unseen_drifts import unseen_drifts
 from ..diagnosis.verdict import Verdict, verdict_after_search
 from ..diagnosis.wiring import suspect_channels
@@ -132,6 +132,9 @@ class IdentificationResult(PlainState):
         Why no interval of a parameter can be given.
     channel_runs : FreeRuns, optional
         Free runs that the fit compared with the measured channels.
+    channel_error : float
+        Largest share of a measured channel that the free run misses beyond its noise,
+        where some floor has no sensor.
     declared : Problem, optional
         The problem as declared, where it has free shape parameters.
     time_variation : TimeVariation, optional
@@ -157,6 +160,7 @@ class IdentificationResult(PlainState):
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     channel_runs: FreeRuns | None = None
+    channel_error: float = 0.0
     declared: Problem | None = None
     time_variation: TimeVariation | None = None
 
@@ -175,11 +179,14 @@ class IdentificationResult(PlainState):
     def data_warnings(self) -> dict[str, list[str]]:
         """Sentences on channels, forces, records and masses that are doubtful."""
         examination = self.examination
+        masses = [*examination.masses]
+        if self.channel_error > 0:
+            masses.append(missed_channel(self.channel_error))
         return {
             "channels": examination.channels,
             "forces": examination.forces,
             "records": examination.records,
-            "masses": examination.masses,
+            "masses": masses,
         }
 
     def require_data(self, cure: str) -> Dataset:
@@ -585,6 +592,7 @@ class IdentificationResult(PlainState):
             unexplained=self.unexplained,
             beyond_noise=self.beside_noise.beyond(self.unexplained),
             left_over=self.beside_noise.left_over,
+            channel_error=self.channel_error,
             holds=tuple(holds.values()),
             channel_faults=self.channel_faults,
             quality=examined.quality,

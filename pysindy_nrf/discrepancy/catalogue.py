@@ -104,9 +104,9 @@ def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
 
 
 def short_catalogue() -> list[ForceLaw]:
-    """One law of each kind whose free run takes a second at most.
+    """Laws that are tried where floors have no sensor: one or two of each kind.
 
-    Tried where floors have no sensor; the run of a Bouc-Wen law may take minutes.
+    A fit of the free run takes as many runs as there are parameters in every step.
     """
     return [
         laws.CoulombFriction(),
@@ -118,6 +118,10 @@ def short_catalogue() -> list[ForceLaw]:
         laws.OneSidedGap(side=-1),
         laws.TwoSidedGap(),
         laws.Jenkins(),
+        laws.Dahl(),
+        laws.MaxwellBranch(),
+        laws.LinkSpringDashpot(),
+        laws.GroundDashpot(),
     ]
 
 
@@ -292,6 +296,21 @@ def _may_tie(law: ForceLaw, experiment: Experiment) -> bool:
     only_links = "link" in law.acts_at and "dof" not in law.acts_at
     special = law.permanent_change or law.mimics_inertia or bool(law.covariates)
     return experiment.tries_ties and only_links and not special
+
+
+def without_tied_laws(candidates: Iterable[Candidate], chain: Chain) -> list[Candidate]:
+    """Candidates without the laws of storeys at links that the chain lacks.
+
+    A tie is a spring and a dashpot, or friction, first of all.
+    """
+    chosen = []
+    for candidate in candidates:
+        (site,) = candidate.sites
+        is_new = site.kind != "dof" and site not in chain.sites
+        is_a_tie = {"ground", "new link", "two storeys"} & set(candidate.law.acts_at)
+        if is_a_tie or not is_new:
+            chosen.append(candidate)
+    return chosen
 
 
 def with_all_storeys(

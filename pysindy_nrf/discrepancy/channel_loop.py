@@ -19,14 +19,18 @@ from ..identification.result import IdentificationResult
 from ..records.checks.channel_checks import measured
 from . import judge, wording
 from .candidate_search import SEARCH, best_findings
+from .catalogue import with_all_storeys, without_tied_laws
+from .channel_gains import explained_by_gains
 from .channel_spectra import CHANNELS
 from .course import Course
 from .decision import Decision, FoundEffect, falls_on_heldout
-from .effects import Candidate, Finding, RankedFinding
+from .effects import Candidate, Effect, Finding, RankedFinding
 from .final_estimate import with_final_estimate
+from .fitted_model import FittedModel
 from .heldout import JudgedModel
 from .judge import JUDGE
 from .judgement import Judgement, report_of
+from .places import class_at
 from .report import LoopReport, Step
 from .run_models import ChannelState, FittedRuns, RunModels, SplitRuns
 from .steps import draft_step
@@ -34,10 +38,19 @@ from .steps import draft_step
 
 @dataclass(frozen=True, eq=False)
 class SettledFinding:
-    """A finding settled about its own free run."""
+    """A finding settled about its own free run.
+
+    Attributes
+    ----------
+    ranked : RankedFinding
+    state : ChannelState
+    promised : float
+        Error reduction to first order, about the run without it, dB.
+    """
 
     ranked: RankedFinding
     state: ChannelState
+    promised: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +75,8 @@ class ChannelOutcome:
         With all confirmed effects.
     last : sequence of SettledFinding
         Candidates of the last round, best first.
+    why_refused : str
+        What speaks against the best of them.
     """
 
     start: ChannelStart
@@ -69,6 +84,7 @@ class ChannelOutcome:
     judged: list[JudgedModel]
     final: ChannelState
     last: Sequence[SettledFinding]
+    why_refused: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,20 +158,30 @@ class ChannelLoop(
                 number = _accepted(outcome.last)
                 if number is None:
                     break
-                outcome = _with_step(outcome, number, bool(self.request.heldout))
+                promised = outcome.last[number].promised
+                if explained_by_gains(promised, outcome.final.search.model):
+                    outcome = replace(outcome, why_refused=wording.GAINS_EXPLAIN)
+                    break
+                outcome = _with_effects(outcome, number, bool(self.request.heldout))
                 if not outcome.steps[-1].confirmed:
                     break
         return outcome
 
     def _candidates(self) -> list[Candidate]:
-        """Laws at the sites where they make sense, none with a frequency."""
+        """Laws at the sites where they make sense, none with a frequency.
+
+        One of several sites is a dashpot from every floor to the ground.
+        """
         request = self.request
         catalogue = []
         for law in request.catalogue:
             if not any(shape.is_frequency for shape in law.shapes):
                 catalogue.append(law)
         forced = {j for record in request.records for j in record.forced}
-        return self.candidates(catalogue, forced, request.covariates)
+        alone = self.candidates(catalogue, forced, request.covariates)
+        chain = request.problem.chain
+        every = with_all_storeys(without_tied_laws(alone, chain), chain.sites)
+        return [c for c in every if len(c.sites) == 1 or c.law.acts_at == ("ground",)]
 
     # -- judge, report ---------------------------------------------------------
 
@@ -190,7 +216,8 @@ class ChannelLoop(
             return "the last effect is not confirmed"
         if len(steps) >= max_steps:
             return wording.enough_effects(max_steps)
-        return wording.best_refused([settled.ranked for settled in outcome.last])
+        ranked = [settled.ranked for settled in outcome.last]
+        return wording.best_refused(ranked, outcome.why_refused)
 
     def report(self, concluded: ChannelJudgement) -> LoopReport:
         """Gather what the user reads."""
@@ -240,15 +267,35 @@ def _settled_findings(
     for finding in findings[: CHANNELS.settled_candidates]:
         if finding.after is None:
             continue
-        name = finding.candidate.name
-        about = outcome.start.models.settle(name, finding.after)
+        about = _about_its_run(finding, current, outcome.start.models)
         if about is None:
             continue
         reduction = about.judged.model.reduction_from(current)
         if reduction.value > 0:
-            finding = replace(finding, after=about.search, reduction=reduction)
-            settled.append(SettledFinding(RankedFinding(finding, reduction), about))
+            after = replace(finding, after=about.search, reduction=reduction)
+            ranked = RankedFinding(after, reduction)
+            settled.append(SettledFinding(ranked, about, finding.value))
     return sorted(settled, key=lambda finding: -finding.ranked.reduction.value)
+
+
+def _about_its_run(
+    finding: Finding, current: FittedModel, models: RunModels
+) -> ChannelState | None:
+    """A finding about its own free run; None if that diverges.
+
+    Linearised again and again, or fitted in damped steps where that does not keep what
+    the first linearisation promised: a tie may move masses by half.
+    """
+    assert finding.after is not None
+    name = finding.candidate.name
+    settled = models.settle(name, finding.after)
+    kept = 0.0
+    if settled is not None:
+        kept = settled.judged.model.reduction_from(current).value
+    may_be_accepted = finding.value >= JUDGE.large_reduction
+    if kept >= finding.value or not may_be_accepted:
+        return settled
+    return models.fit_candidate(name, finding.after) or settled
 
 
 def _accepted(findings: Sequence[SettledFinding]) -> int | None:
@@ -261,41 +308,56 @@ def _accepted(findings: Sequence[SettledFinding]) -> int | None:
     return number if judge.is_there(reduction) and is_large else None
 
 
-def _with_step(
+def _with_effects(
     outcome: ChannelOutcome, number: int, has_records: bool
 ) -> ChannelOutcome:
-    """The outcome with one effect more, refined and judged on held-out data.
+    """The outcome with the effects of a finding, refined and judged on held-out data.
 
-    The final model has it if it is confirmed.
+    The final model has them if they are confirmed.
     """
     chosen = outcome.last[number]
     rivals = judge.rivals([settled.ranked for settled in outcome.last], number)
     state = chosen.state
     state = outcome.start.models.refine(state.judged, state.search) or state
 
-    before, effect = outcome.final.judged, state.search.effects[-1]
-    pair = FoundEffect(effect, before.model, state.judged.model)
-    confirmed = falls_on_heldout(effect.law, before, state.judged)
-    decision = Decision(effect, before, state.judged, confirmed)
+    before = outcome.final
+    first_new = len(before.search.effects)
+    steps = [
+        _step_of(effect, before.judged, state.judged, rivals, has_records)
+        for effect in state.search.effects[first_new:]
+    ]
+    return replace(
+        outcome,
+        steps=[*outcome.steps, *steps],
+        judged=[*outcome.judged, *[state.judged] * len(steps)],
+        final=state if steps[-1].confirmed else before,
+    )
+
+
+def _step_of(
+    effect: Effect,
+    before: JudgedModel,
+    after: JudgedModel,
+    rivals: Sequence[Finding],
+    has_records: bool,
+) -> Step:
+    """The step of an effect, by the models without and with it."""
+    pair = FoundEffect(effect, before.model, after.model)
+    confirmed = falls_on_heldout(effect.law, before, after)
+    decision = Decision(effect, before, after, confirmed)
     draft = draft_step(pair, decision, rivals)
     heldout = decision.heldout_reduction
     certain = draft.plausible and draft.confirmed and not draft.alternatives
-    step = replace(
+    return replace(
         draft.step,
         sure=certain and has_records,
-        remainder=state.judged.error / before.error,
+        remainder=after.error / before.error,
         evidence=draft.step.evidence + _not_told_from(rivals),
-        effect_class=effect.template.effect_class,
+        effect_class=class_at(effect.template, effect.site, before.model.base),
         closest=effect.law.name,
         judged_by="another record" if has_records else "another time",
         judged_reduction=heldout.value,
         judged_error=heldout.standard_error,
-    )
-    return replace(
-        outcome,
-        steps=[*outcome.steps, step],
-        judged=[*outcome.judged, state.judged],
-        final=state if step.confirmed else outcome.final,
     )
 
 

@@ -109,6 +109,21 @@ class ChannelData(SearchData):
             parts.append(np.vstack([*inertias, force, self.run.measured[i]]))
         return list(np.hstack(parts))
 
+    def channel_errors(self, records: Sequence[int]) -> np.ndarray:
+        """A gain of each channel of the run, then a delay of each, as columns.
+
+        Shape (2 * n_channels * n_channels, n_samples); zero in other channels.
+        """
+        n_channels = len(self.channels)
+        own = np.eye(n_channels)[:, :, None]
+        parts = []
+        for i in records:
+            simulated = self.run.measured[i] - self.run.gaps[i]
+            rates = np.gradient(simulated, self.data.segments[i].step, axis=1)
+            columns = np.concatenate([own * simulated, own * rates])
+            parts.append(columns.reshape(2 * n_channels**2, -1))
+        return np.hstack(parts)
+
 
 class ChannelSpectra(BalanceSpectra):
     """Spectra of the channels; all of them together stand for one balance."""
@@ -140,6 +155,10 @@ class ChannelSpectra(BalanceSpectra):
             for rows in (gaps, measured)
         )
         return Powers(missed, reference.sum(axis=0))
+
+    def channel_errors(self) -> np.ndarray:
+        """Spectra of a gain of each channel, then of a delay of each."""
+        return self.windows.spectra(self.data.channel_errors)
 
     def by_channel(self, power: np.ndarray) -> np.ndarray:
         """Power in the clear bands of each channel, (n_channels,)."""

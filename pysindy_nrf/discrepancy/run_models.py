@@ -202,15 +202,29 @@ class RunModels:
 
     def refine(self, judged: JudgedModel, state: SearchState) -> ChannelState | None:
         """A settled model fitted by its free run; None if this misses no less."""
-        with suppress(NRFError):
-            model = judged.model.chain_model()
+        new = self._fitted(judged.name, judged.model.chain_model(), state)
+        if new is None or new.judged.model.reduction_from(judged.model).value <= 0:
+            return None
+        return new
+
+    def fit_candidate(self, name: str, state: SearchState) -> ChannelState | None:
+        """A candidate fitted by its free run, in damped steps; None if it diverges.
+
+        Later runs do not begin from its initial states.
+        """
+        shots = self.shots
+        fitted = self._fitted(name, state.model.chain_model(), state)
+        self.shots = shots
+        return fitted
+
+    def _fitted(
+        self, name: str, model: ChainModel, state: SearchState
+    ) -> ChannelState | None:
+        """A model fitted by its free run from some values on; None if it diverges."""
+        with suppress(NRFError, np.linalg.LinAlgError):
             best = self.fit(model, state, CHANNELS.fit_steps).model
-            effects = []
-            for effect in state.effects:
-                effects.append(replace(effect, law=effect.law_in(best)))
-            new = self.linearise(judged.name, best, best.laws, effects)
-            if new.judged.model.reduction_from(judged.model).value > 0:
-                return new
+            effects = [replace(e, law=e.law_in(best)) for e in state.effects]
+            return self.linearise(name, best, best.laws, effects)
         return None
 
 

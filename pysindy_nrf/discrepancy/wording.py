@@ -19,6 +19,7 @@ HELDOUT_IS_SEARCHED = (
     "The records to search do not determine the declared model, and those held out were"
     " searched too: a quarter of each record judges the effects"
 )
+GAINS_EXPLAIN = "gains and delays of the channels explain as much"
 # Contradictions that are named.
 MAX_CONTRADICTIONS = 3
 

@@ -118,7 +118,6 @@ def short_catalogue() -> list[ForceLaw]:
         laws.OneSidedGap(side=-1),
         laws.TwoSidedGap(),
         laws.Jenkins(),
-        laws.Dahl(),
         laws.MaxwellBranch(),
         laws.LinkSpringDashpot(),
         laws.GroundDashpot(),

@@ -26,7 +26,6 @@ from .course import Course
 from .decision import Decision, FoundEffect, falls_on_heldout
 from .effects import Candidate, Effect, Finding, RankedFinding
 from .final_estimate import with_final_estimate
-from .fitted_model import FittedModel
 from .heldout import JudgedModel
 from .judge import JUDGE
 from .judgement import Judgement, report_of
@@ -44,13 +43,18 @@ class SettledFinding:
     ----------
     ranked : RankedFinding
     state : ChannelState
-    promised : float
-        Error reduction to first order, about the run without it, dB.
+    first_order : Finding
+        The same about the run without it.
     """
 
     ranked: RankedFinding
     state: ChannelState
-    promised: float
+    first_order: Finding
+
+    @property
+    def expected(self) -> float:
+        """Error reduction that a fit may come to, dB."""
+        return max(self.ranked.reduction.value, self.first_order.value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,8 +162,8 @@ class ChannelLoop(
                 number = _accepted(outcome.last)
                 if number is None:
                     break
-                promised = outcome.last[number].promised
-                if explained_by_gains(promised, outcome.final.search.model):
+                first_order = outcome.last[number].first_order
+                if explained_by_gains(first_order.value, outcome.final.search.model):
                     outcome = replace(outcome, why_refused=wording.GAINS_EXPLAIN)
                     break
                 outcome = _with_effects(outcome, number, bool(self.request.heldout))
@@ -253,9 +257,8 @@ def _settled_findings(
 ) -> list[SettledFinding]:
     """The best candidates settled about their own free runs, best first.
 
-    Only those whose run misses less.
+    Only those whose run misses less. Those that may be the best are fitted, too.
     """
-    current = outcome.final.judged.model
     state = outcome.final.search
     taken = {(effect.site, effect.template.effect_class) for effect in state.effects}
     free = []
@@ -263,39 +266,42 @@ def _settled_findings(
         if (candidate.sites[0], candidate.law.effect_class) not in taken:
             free.append(candidate)
     findings = best_findings(state, free, SEARCH.finalists, progress)
+
     settled = []
-    for finding in findings[: CHANNELS.settled_candidates]:
-        if finding.after is None:
-            continue
-        about = _about_its_run(finding, current, outcome.start.models)
-        if about is None:
-            continue
-        reduction = about.judged.model.reduction_from(current)
-        if reduction.value > 0:
-            after = replace(finding, after=about.search, reduction=reduction)
-            ranked = RankedFinding(after, reduction)
-            settled.append(SettledFinding(ranked, about, finding.value))
-    return sorted(settled, key=lambda finding: -finding.ranked.reduction.value)
+    for finding in findings:
+        about = _settled(finding, outcome)
+        if about is not None:
+            settled.append(about)
+
+    best = max([0.0, *(about.expected for about in settled)])
+    enough = max(JUDGE.least_reduction, CHANNELS.share_of_best * best)
+    for number, about in enumerate(settled):
+        if about.expected >= enough:
+            refined = outcome.start.models.refine_candidate(about.state)
+            settled[number] = _about(refined, about.first_order, outcome)
+
+    better = [about for about in settled if about.ranked.reduction.value > 0]
+    return sorted(better, key=lambda about: -about.ranked.reduction.value)
 
 
-def _about_its_run(
-    finding: Finding, current: FittedModel, models: RunModels
-) -> ChannelState | None:
-    """A finding about its own free run; None if that diverges.
-
-    Linearised again and again, or fitted in damped steps where that does not keep what
-    the first linearisation promised: a tie may move masses by half.
-    """
-    assert finding.after is not None
+def _settled(finding: Finding, outcome: ChannelOutcome) -> SettledFinding | None:
+    """A finding linearised about its own free run; None if that diverges."""
+    if finding.after is None:
+        return None
     name = finding.candidate.name
-    settled = models.settle(name, finding.after)
-    kept = 0.0
-    if settled is not None:
-        kept = settled.judged.model.reduction_from(current).value
-    may_be_accepted = finding.value >= JUDGE.large_reduction
-    if kept >= finding.value or not may_be_accepted:
-        return settled
-    return models.fit_candidate(name, finding.after) or settled
+    state = outcome.start.models.settle(name, finding.after)
+    if state is None:
+        return None
+    return _about(state, finding, outcome)
+
+
+def _about(
+    state: ChannelState, finding: Finding, outcome: ChannelOutcome
+) -> SettledFinding:
+    """A finding about a free run with it."""
+    reduction = state.judged.model.reduction_from(outcome.final.judged.model)
+    after = replace(finding, after=state.search, reduction=reduction)
+    return SettledFinding(RankedFinding(after, reduction), state, finding)
 
 
 def _accepted(findings: Sequence[SettledFinding]) -> int | None:
@@ -317,8 +323,7 @@ def _with_effects(
     """
     chosen = outcome.last[number]
     rivals = judge.rivals([settled.ranked for settled in outcome.last], number)
-    state = chosen.state
-    state = outcome.start.models.refine(state.judged, state.search) or state
+    state = outcome.start.models.refine(chosen.state)
 
     before = outcome.final
     first_new = len(before.search.effects)

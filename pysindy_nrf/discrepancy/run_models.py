@@ -133,19 +133,21 @@ class RunModels:
     ) -> ChannelState | None:
         """Linearise about the free run until it stops improving; None if it diverges.
 
-        Shape parameters are refined on the way.
+        By the error reduction, by which candidates are judged: else every candidate
+        would gain what the model without it was not settled by. Shape parameters are
+        refined on the way.
         """
         best: ChannelState | None = None
-        least = np.inf
+        gain = np.inf
         with suppress(NRFError, np.linalg.LinAlgError):
             for _ in range(CHANNELS.max_linearisations):
                 model = state.model.chain_model() if model is None else model
                 new = self.linearise(name, model, state.model.laws, state.effects)
-                missed = float(new.judged.model.powers.residual.sum())
-                stalled = missed > CHANNELS.stalled * least
-                if best is None or missed < least:
-                    best, least = new, missed
-                if stalled:
+                if best is not None:
+                    gain = new.judged.model.reduction_from(best.judged.model).value
+                if gain > 0:
+                    best = new
+                if gain < CHANNELS.stalled:
                     break
                 state, model = polished(new.search), None
         return best
@@ -200,32 +202,28 @@ class RunModels:
         result = result_from_channels(identification_of(problem, estimate))
         return replace(result, declared=problem.with_laws(free))
 
-    def refine(self, judged: JudgedModel, state: SearchState) -> ChannelState | None:
-        """A settled model fitted by its free run; None if this misses no less."""
-        new = self._fitted(judged.name, judged.model.chain_model(), state)
-        if new is None or new.judged.model.reduction_from(judged.model).value <= 0:
-            return None
-        return new
+    def refine(self, state: ChannelState) -> ChannelState:
+        """A settled model fitted by its free run, in damped steps.
 
-    def fit_candidate(self, name: str, state: SearchState) -> ChannelState | None:
-        """A candidate fitted by its free run, in damped steps; None if it diverges.
-
-        Later runs do not begin from its initial states.
+        As it was where that misses no less, or diverges.
         """
-        shots = self.shots
-        fitted = self._fitted(name, state.model.chain_model(), state)
-        self.shots = shots
-        return fitted
-
-    def _fitted(
-        self, name: str, model: ChainModel, state: SearchState
-    ) -> ChannelState | None:
-        """A model fitted by its free run from some values on; None if it diverges."""
+        name, model = state.judged.name, state.judged.model.chain_model()
         with suppress(NRFError, np.linalg.LinAlgError):
-            best = self.fit(model, state, CHANNELS.fit_steps).model
-            effects = [replace(e, law=e.law_in(best)) for e in state.effects]
-            return self.linearise(name, best, best.laws, effects)
-        return None
+            best = self.fit(model, state.search, CHANNELS.fit_steps).model
+            effects = []
+            for effect in state.search.effects:
+                effects.append(replace(effect, law=effect.law_in(best)))
+            new = self.linearise(name, best, best.laws, effects)
+            if new.judged.model.reduction_from(state.judged.model).value > 0:
+                return new
+        return state
+
+    def refine_candidate(self, state: ChannelState) -> ChannelState:
+        """The same of one of several; later runs do not begin where it does."""
+        shots = self.shots
+        refined_state = self.refine(state)
+        self.shots = shots
+        return refined_state
 
 
 def _number_of(effect: Effect, model: ChainModel) -> int:

@@ -1,8 +1,8 @@
-"""Gains and delays of measured channels, fitted beside a model of fewer sensors.
+"""Gains and delays of measured channels, fitted together with a model.
 
 A few channels do not always separate a tie, or any other effect, from the gain of a
-sensor: both change how much one channel moves beside another. What the gains and delays
-of the channels explain as well is not claimed.
+sensor: both change the ratio of two channels. What the gains and delays of the channels
+explain as well is not claimed.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from .judge import JUDGE
 
 
 def reduction_by_gains(model: FittedModel) -> ErrorReduction:
-    """Error reduction where every channel has a gain and a delay of its own.
+    """Error reduction where every channel has its gain and its delay.
 
     To first order, about the free run of the model; each is as large as it likes.
 

@@ -14,6 +14,7 @@ from ..exceptions import NRFError
 from ..identification.channel_estimate import ChannelEstimate, refined
 from ..identification.channel_fit import result_from_channels
 from ..identification.fewer_sensors import Linearised, identification_of
+from ..identification.free_runs import linear_matrices
 from ..identification.output_error import (
     FreeRunFit,
     Shot,
@@ -202,14 +203,16 @@ class RunModels:
         result = result_from_channels(identification_of(problem, estimate))
         return replace(result, declared=problem.with_laws(free))
 
-    def refine(self, state: ChannelState) -> ChannelState:
+    def refine(
+        self, state: ChannelState, steps: int = CHANNELS.fit_steps
+    ) -> ChannelState:
         """A settled model fitted by its free run, in damped steps.
 
         As it was where that misses no less, or diverges.
         """
         name, model = state.judged.name, state.judged.model.chain_model()
         with suppress(NRFError, np.linalg.LinAlgError):
-            best = self.fit(model, state.search, CHANNELS.fit_steps).model
+            best = self.fit(model, state.search, steps).model
             effects = []
             for effect in state.search.effects:
                 effects.append(replace(effect, law=effect.law_in(best)))
@@ -219,9 +222,14 @@ class RunModels:
         return state
 
     def refine_candidate(self, state: ChannelState) -> ChannelState:
-        """The same of one of several; later runs do not begin where it does."""
+        """The same of one of several; later runs do not begin where it does.
+
+        In few steps where the run has to be integrated.
+        """
         shots = self.shots
-        refined_state = self.refine(state)
+        is_linear = linear_matrices(state.judged.model.chain_model()) is not None
+        steps = CHANNELS.fit_steps if is_linear else CHANNELS.trial_steps
+        refined_state = self.refine(state, steps)
         self.shots = shots
         return refined_state
 

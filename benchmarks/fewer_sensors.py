@@ -12,6 +12,7 @@ channel, the force included, as a share of its RMS. Parts:
 - *intervals*: from pieces of the data, beside those from curvature;
 - *laws*: a nonlinear law in storey 2 of four, sensors on floors 2 and 4;
 - *loop*: ``close_loop`` with the same sensors and a hidden law;
+- *others*: the same with hysteresis, ties, dashpots to the ground, and wrong sensors;
 - *measured*: motions that were measured and are hidden from the fit.
 """
 
@@ -262,6 +263,87 @@ def search(noise: float, seed: int) -> Search:
     return Search(law, site, effects, float(report.table["held-out"].iloc[0]))
 
 
+# -- other effects, and sensors that are wrong ---------------------------------
+
+# Effects by the class that is right, and faults of the sensor on floor 2.
+EFFECTS = {
+    "slider": "hysteresis",
+    "branch": "hysteresis",
+    "brace to the ground": "tie",
+    "brace over two storeys": "tie",
+    "dashpots to the ground": "tie",
+}
+FAULTS = ("gain of 6 %", "delay of half a sample", "nothing")
+TIE = 0.15  # of the stiffness of the storey below
+GAIN = 1.06
+DELAY = 0.5  # samples
+
+
+@dataclass(frozen=True)
+class Other:
+    """What was hidden, what was claimed, and how far the masses are off, percent."""
+
+    kind: str
+    claimed: list[str]
+    right: bool
+    green: bool
+    worst_mass: float
+
+
+def with_other_effect(kind: str, seed: int) -> tuple[ChainModel, Record, list[str]]:
+    """A chain with a hidden effect, its run, and the sites of the effect."""
+    m, k, c = chain(4, seed)
+    plain = linear_storeys(k, c)
+    motion = forced(ChainModel(m, plain), seed)
+    i = seed % 4
+    s = np.diff(motion.displacement, axis=1, prepend=0.0)[:, i]
+    v = np.diff(motion.velocity, axis=1, prepend=0.0)[:, i]
+    force = SHARE * float(np.sqrt(np.mean((k[i] * s + c[i] * v) ** 2)))
+    dashpots = {f"ground {j}": [laws.LinearViscous(4.0 * m[j - 1])] for j in (2, 3, 4)}
+    relaxation = s.std() / v.std()
+    branch = laws.MaxwellBranch(tau=relaxation, k=1.5 * force / s.std())
+    hidden = {
+        "slider": {f"storey {i + 1}": [laws.Jenkins(uy=0.7 * s.std(), Fy=force)]},
+        "branch": {f"storey {i + 1}": [branch]},
+        "brace to the ground": {"ground 3": [laws.LinearElastic(TIE * k[2])]},
+        "brace over two storeys": {"link 4-2": [laws.LinearElastic(TIE * k[3])]},
+        "dashpots to the ground": dashpots,
+    }.get(kind, {})
+    sites = dict(plain)
+    for site, further in hidden.items():
+        sites[site] = [*sites.get(site, []), *further]
+    truth = ChainModel(m, sites)
+    return truth, forced(truth, seed), list(hidden)
+
+
+def with_fault(record: Record, kind: str) -> Record:
+    """The record with a fault of the accelerometer on floor 2."""
+    a = record.acceleration.copy()
+    if kind.startswith("gain"):
+        a[:, 1] *= GAIN
+    if kind.startswith("delay"):
+        w = 2 * np.pi * np.fft.rfftfreq(len(a), 1 / FS)
+        lines = np.fft.rfft(a[:, 1]) * np.exp(-1j * w * DELAY / FS)
+        a[:, 1] = np.fft.irfft(lines, len(a))
+    return record.replace(acceleration=a)
+
+
+def search_other(kind: str, noise: float, seed: int) -> Other:
+    """``close_loop`` from a linear chain, with two sensors."""
+    truth, motion, sites = with_other_effect(kind, seed)
+    record = with_fault(sensed(noisy(motion, noise, seed), SENSORS), kind)
+    report = quietly(lambda: close_loop(record))
+    claimed = [step for step in report.steps if step.confirmed]
+    right = not claimed
+    if sites:
+        classes = {step.effect_class for step in claimed}
+        places = {step.site for step in claimed}
+        right = classes == {EFFECTS[kind]} and places == set(sites)
+    off = 100 * float(np.abs(report.model.masses / truth.masses - 1).max())
+    names = [f"{step.law} at {step.site}" for step in claimed]
+    return Other(kind, names, right, report.verdict.state == "green", off)
+
+
 # -- measured frames -----------------------------------------------------------
 
 
@@ -382,6 +464,21 @@ def print_loop(runs: Runs) -> None:
     )
 
 
+def print_others(runs: Runs) -> None:
+    for kind in (*EFFECTS, *FAULTS):
+        results = runs.of(search_other, 6, kind, 0.005)
+        for result in results:
+            claimed = ", ".join(result.claimed) or "nothing"
+            print(f"  {kind}: {claimed}, masses {result.worst_mass:.2g} % off")
+        right = sum(result.right for result in results)
+        wrong = sum(result.green and result.worst_mass > 5.0 for result in results)
+        print(
+            f"{kind}: right {right} of {len(results)}, green with masses more than 5 %"
+            f" off {wrong}",
+            flush=True,
+        )
+
+
 def print_measured(runs: Runs) -> None:
     equal = dict.fromkeys((1, 2, 3), 5.201)
     bending = {site: [laws.BendingCoupling()] for site in ("link 3-1", "ground 2")}
@@ -410,6 +507,7 @@ PARTS: dict[str, Callable[[Runs], None]] = {
     "intervals": print_intervals,
     "laws": print_laws,
     "loop": print_loop,
+    "others": print_others,
     "measured": print_measured,
 }
 

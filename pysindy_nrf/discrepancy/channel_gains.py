@@ -46,6 +46,10 @@ def reduction_by_gains(model: FittedModel) -> ErrorReduction:
 def explained_by_gains(reduction: float, model: FittedModel) -> bool:
     """Whether gains and delays of the channels explain as much as an effect.
 
+    Of gains of 6 %, for which ties stood in, they explain 0.05 dB less at most. Of 9
+    braces they explain 2.2 to 6.8 dB less (frames of four floors, two or three
+    accelerometers, benchmarks/fewer_sensors.py).
+
     Parameters
     ----------
     reduction : float
@@ -53,5 +57,6 @@ def explained_by_gains(reduction: float, model: FittedModel) -> bool:
     model : FittedModel
         Without it.
     """
+    least = JUDGE.least_reduction
     by_gains = reduction_by_gains(model).value
-    return bool(by_gains >= reduction - JUDGE.least_reduction)
+    return bool(by_gains >= max(least, reduction - least))

@@ -157,7 +157,9 @@ class ChannelLoop(
         candidates = self._candidates()
         with self.progress(len(candidates)) as tick:
             while len(outcome.steps) < max_steps:
-                settled = _settled_findings(outcome, candidates, tick)
+                room = max_steps - len(outcome.steps)
+                possible = [c for c in candidates if len(c.sites) <= room]
+                settled = _settled_findings(outcome, possible, tick)
                 outcome = replace(outcome, last=settled)
                 number = _accepted(outcome.last)
                 if number is None:
@@ -352,10 +354,10 @@ def _step_of(
     decision = Decision(effect, before, after, confirmed)
     draft = draft_step(pair, decision, rivals)
     heldout = decision.heldout_reduction
-    certain = draft.plausible and draft.confirmed and not draft.alternatives
+    is_only = not (rivals or draft.alternatives)
     return replace(
         draft.step,
-        sure=certain and has_records,
+        sure=has_records and draft.confirmed and draft.plausible and is_only,
         remainder=after.error / before.error,
         evidence=draft.step.evidence + _not_told_from(rivals),
         effect_class=class_at(effect.template, effect.site, before.model.base),

@@ -141,6 +141,7 @@ class ShapeAxes:
         if not self.shapes:
             return start
 
+        start = np.clip(start, self.low, self.high)
         spacing = self.spacing
         if self.is_frequency:
             spacing = np.full(1, AXES.line_spacing)

@@ -46,9 +46,9 @@ def reduction_by_gains(model: FittedModel) -> ErrorReduction:
 def explained_by_gains(reduction: float, model: FittedModel) -> bool:
     """Whether gains and delays of the channels explain as much as an effect.
 
-    Of gains of 6 %, for which ties stood in, they explain 0.05 dB less at most. Of 9
-    braces they explain 2.2 to 6.8 dB less (frames of four floors, two or three
-    accelerometers, benchmarks/fewer_sensors.py).
+    Of five sensors with a gain of 6 %, for which ties stood in, they explain 0.05 dB
+    less at most. Of eight true ties they explain 2.2 to 6.8 dB less (frames of four
+    floors, two or three accelerometers, 0.5 % of noise).
 
     Parameters
     ----------

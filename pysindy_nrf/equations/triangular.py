@@ -76,18 +76,18 @@ def weighted_root(roots: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def projected_root(gram: np.ndarray, n_columns: int) -> np.ndarray:
-    """Root of the first columns projected on the others, the instruments.
+    """Roots of the first columns projected on the others, the instruments.
 
-    Square, with zeros below.
+    Of products (..., p, p); square, (..., n_columns, n_columns), with rows of zeros.
     """
-    inner = gram[n_columns:, n_columns:]
-    cross = gram[n_columns:, :n_columns]
-    scale = np.sqrt(np.diag(inner))
+    inner = gram[..., n_columns:, n_columns:]
+    cross = gram[..., n_columns:, :n_columns]
+    scale = np.sqrt(np.diagonal(inner, axis1=-2, axis2=-1))
     scale = np.where(scale > 0, scale, 1.0)
 
-    values, vectors = np.linalg.eigh(inner / scale[:, None] / scale)
-    clear = values > INSTRUMENT_CUT * values[-1]
-    directions = vectors[:, clear] / np.sqrt(values[clear])
-    out = np.zeros((n_columns, n_columns))
-    out[: clear.sum()] = directions.T @ (cross / scale[:, None])
-    return out
+    values, vectors = np.linalg.eigh(inner / scale[..., :, None] / scale[..., None, :])
+    clear = values > INSTRUMENT_CUT * values[..., -1:]
+    weights = np.where(clear, 1.0 / np.sqrt(np.where(clear, values, 1.0)), 0.0)
+    directions = vectors * weights[..., None, :]
+    rows = directions.swapaxes(-1, -2) @ (cross / scale[..., :, None])
+    return _square(rows)

@@ -23,7 +23,13 @@ from ..common import number_of
 from ..common.unit_system import UnitSystem
 from ..common.warn import warn_user
 from ..equations.accumulation import pieces_of
-from ..equations.chain_solve import Solution, groups_of, model_of, solve
+from ..equations.chain_solve import (
+    NotTogether,
+    Solution,
+    groups_of,
+    model_of,
+    solve,
+)
 from ..equations.inner_optimizer import Optimizer
 from ..equations.normal_equations import NormalEquations
 from ..exceptions import (
@@ -222,15 +228,36 @@ class Resolver:
         """Masses and coefficients of a sum of pieces."""
         return solve(total.projected(), self.solve_order, self.known_masses, self.inner)
 
+    def solutions(self, every_weights: np.ndarray) -> list[Solution]:
+        """Solutions of the pieces, one for each row of weights (n, n_pieces)."""
+        with warnings.catch_warnings(action="ignore", category=RankWarning):
+            try:
+                together = self.solve(self.pieces.sum(every_weights))
+            except NotTogether:
+                return [self.solve(self.pieces.sum(row)) for row in every_weights]
+        return [together.of(number) for number in range(len(every_weights))]
+
+    def model_from(self, solution: Solution) -> ChainModel:
+        """Model of a solution, whatever is known of its parameters."""
+        return model_of(self.layout, solution)
+
     def model(self, total: NormalEquations) -> ChainModel:
         """Model of a sum of pieces."""
         with warnings.catch_warnings(action="ignore", category=RankWarning):
-            model = model_of(self.layout, self.solve(total))
+            return self._constrained(self.model_from(self.solve(total)))
+
+    def _constrained(self, model: ChainModel) -> ChainModel:
+        """A model that obeys what is known of the parameters."""
         return model if self.constrain is None else self.constrain(model)
 
     def weighted_model(self, weights: np.ndarray) -> ChainModel:
         """Model of the pieces, each taken ``weights`` times."""
         return self.model(self.pieces.sum(weights))
+
+    def weighted_models(self, every_weights: np.ndarray) -> list[ChainModel]:
+        """Models of the pieces, one for each row of weights (n, n_pieces)."""
+        solutions = self.solutions(every_weights)
+        return [self._constrained(self.model_from(each)) for each in solutions]
 
     def influences(self, statistic: Statistic, removed: float = 1.0) -> np.ndarray:
         """Influence of each piece, shape (n_pieces, n_statistics).
@@ -279,8 +306,7 @@ class Resolver:
 
     def _models_without(self, removed: float) -> list[ChainModel]:
         """Models of the data without a share of one piece each."""
-        every_weights = 1.0 - removed * np.eye(len(self.record))
-        return [self.weighted_model(weights) for weights in every_weights]
+        return self.weighted_models(1.0 - removed * np.eye(len(self.record)))
 
     def covariance(self, statistic: Statistic) -> np.ndarray:
         """Covariance of statistics: delete-one-block jackknife with neighbours."""
@@ -325,8 +351,11 @@ class InfluenceResolver(Resolver):
     def weighted_model(self, weights: np.ndarray) -> ChainModel:
         """Model of the pieces, each taken ``weights`` times."""
         influences = self.best.influences - self.best.influences.mean(axis=0)
-        model = self.rebuild(self.best.u + weights @ influences)
-        return model if self.constrain is None else self.constrain(model)
+        return self._constrained(self.rebuild(self.best.u + weights @ influences))
+
+    def weighted_models(self, every_weights: np.ndarray) -> list[ChainModel]:
+        """Models of the pieces, one for each row of weights (n, n_pieces)."""
+        return [self.weighted_model(weights) for weights in every_weights]
 
 
 def least_squares_resolver(

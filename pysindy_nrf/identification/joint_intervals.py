@@ -6,7 +6,6 @@ parameter may change, the coefficient makes good.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -19,8 +18,8 @@ from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..diagnosis.facts import ShapeAtEnd
 from ..equations.accumulation import Whitener
-from ..equations.normal_equations import NormalEquations
-from ..exceptions import NRFError, RankWarning
+from ..equations.chain_solve import Solution
+from ..exceptions import NRFError
 from ..records.dataset import Dataset, Segment
 from .intervals import Resolver, newey_west
 from .problem import Problem
@@ -46,11 +45,9 @@ class JointResolver(Resolver):
         """Columns of the laws, without the derivatives."""
         return self.shapes.problem.layout
 
-    def model(self, total: NormalEquations) -> ChainModel:
-        """Model of a sum of pieces, with its shape parameters."""
-        with warnings.catch_warnings(action="ignore", category=RankWarning):
-            model = self.shapes.model(self.solve(total))
-        return model if self.constrain is None else self.constrain(model)
+    def model_from(self, solution: Solution) -> ChainModel:
+        """Model of a solution with its shape parameters."""
+        return self.shapes.model(solution)
 
     @cached_property
     def steps_over_errors(self) -> np.ndarray:
@@ -58,13 +55,10 @@ class JointResolver(Resolver):
 
         Shape (n_shapes,); zero for those that are fixed.
         """
-        with warnings.catch_warnings(action="ignore", category=RankWarning):
-            step = self.shapes.steps(self.solve(self.pieces.sum()))
-            n_pieces = len(self.pieces)
-            without_piece = []
-            for weights in 1.0 - np.eye(n_pieces):
-                solution = self.solve(self.pieces.sum(weights))
-                without_piece.append(self.shapes.steps(solution))
+        n_pieces = len(self.pieces)
+        every_weights = np.vstack([np.ones(n_pieces), 1.0 - np.eye(n_pieces)])
+        solutions = self.solutions(every_weights)
+        step, *without_piece = map(self.shapes.steps, solutions)
         spread = np.sqrt(np.diag(newey_west(np.array(without_piece), self.record)))
         return np.divide(step, spread, out=np.zeros(len(step)), where=spread > 0)
 

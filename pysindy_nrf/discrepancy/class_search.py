@@ -29,7 +29,6 @@ from .naming import (
     Naming,
     Proposal,
     at_all_storeys,
-    best_and_best_tie,
     gain_by_noise,
     other_names,
     proposal_of,
@@ -140,8 +139,8 @@ class ClassSearch:
                 proposals.append(proposal)
 
         if proposals and room > 1:
-            for best in best_and_best_tie(proposals):
-                proposals += at_all_storeys(best, self.places, state, room)
+            best = max(proposals, key=lambda proposal: proposal.value)
+            proposals += at_all_storeys(best, self.places, state, room)
         proposals += _faults(self.tools.faults.findings(state), state)
         general = [p.general for p in promising if p.general is not None]
         return sorted(proposals, key=lambda proposal: -proposal.value), general

@@ -30,7 +30,8 @@ class NamingSettings:
 
     # Names of a place that are refined.
     finalists: int = 4
-    # Names of the best place that are tried at all storeys at once.
+    # Names of the best place that are tried at all storeys at once, and the best of
+    # all that are proposed there.
     together: int = 2
     # A name carries the model if it loses at most so much against the general law, dB,
     # or a standard error or a tenth up to a limit: it has fewer parameters, but another
@@ -243,31 +244,35 @@ def _simplest_name(
     return ranked[place].finding, judge.rivals(ranked, place)
 
 
-def best_and_best_tie(proposals: Sequence[Proposal]) -> list[Proposal]:
-    """The best proposal, and the best tie: some are there at all floors at once."""
-    ranked = sorted(proposals, key=lambda proposal: -proposal.value)
-    ties = [p for p in ranked if p.naming.effect_class == "tie"]
-    return list(dict.fromkeys([ranked[0], *ties[:1]]))
-
-
 def at_all_storeys(
     best: Proposal, places: Sequence[Place], state: SearchState, room: int
 ) -> list[Proposal]:
-    """The name of the best place at all storeys at once."""
-    law = best.finding.candidate.law
-    laws = [law, *(rival.candidate.law for rival in best.naming.rivals)]
+    """Laws at all storeys at once: the name of the best place, and those of the ground.
+
+    Dashpots to the ground are damping in proportion to mass, which every floor has:
+    that of one floor alone gains little. They are tried at the floors that have none.
+    """
+    laws = [best.finding.candidate.law]
+    laws += [rival.candidate.law for rival in best.naming.rivals]
     laws = laws[: NAMING.together]
-    candidates = []
+    classes = {}
     for place in places:
-        together = 1 < len(place.sites) <= room and not effects_at(place, state)
-        if together and place.effect_class == best.naming.effect_class:
-            candidates += [c for c in place.names if c.law in laws]
+        taken = {effect.site for effect in effects_at(place, state)}
+        free = tuple(site for site in place.sites if site not in taken)
+        if not 1 < len(free) <= room:
+            continue
+        is_of_best = place.effect_class == best.naming.effect_class and not taken
+        for candidate in place.names:
+            law = candidate.law
+            if law.acts_at == ("ground",) or (is_of_best and law in laws):
+                classes[replace(candidate, sites=free)] = place.effect_class
+
     proposals = []
-    for finding in best_findings(state, candidates, NAMING.together):
+    for finding in best_findings(state, classes, NAMING.together):
         if finding.reduction is not None and _is_needed_everywhere(finding, state):
             law = finding.candidate.law
-            effect_class, one_shape = best.naming.effect_class, bool(law.shapes)
-            naming = Naming(effect_class, law.name, one_shape=one_shape)
+            effect_class = classes[finding.candidate]
+            naming = Naming(effect_class, law.name, one_shape=bool(law.shapes))
             proposals.append(Proposal(finding, finding.reduction, naming))
     return proposals
 

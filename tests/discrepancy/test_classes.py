@@ -169,20 +169,26 @@ def test_a_spring_that_softens_beyond_a_drift_is_named():
     assert step.parameters == pytest.approx({"u": 8e-4, "dk": 5e4}, rel=0.01)
 
 
-def test_damping_by_mass_is_a_dashpot_from_every_floor_to_the_ground():
+@pytest.mark.parametrize(
+    ("n_floors", "excited", "noise", "within"),
+    [(3, 1, 0.0, 1e-3), (3, [1, 2, 3], 0.005, 0.1), (5, 1, 0.002, 0.1)],
+)
+def test_damping_by_mass_is_a_dashpot_from_every_floor_to_the_ground(
+    n_floors, excited, noise, within
+):
     """Rayleigh damping of 0.8 / s on floors of 10 kg."""
     linear = [laws.LinearElastic(1e5), laws.LinearViscous(60.0)]
-    to_ground = [laws.GroundDashpot([8.0])]
-    truth = ChainModel(
-        [10.0] * 3,
-        {1: linear, 2: linear, 3: linear, "ground 2": to_ground, "ground 3": to_ground},
-    )
+    expected = {f"ground {j}": 8.0 for j in range(2, n_floors + 1)}
+    links = {j: linear for j in range(1, n_floors + 1)}
+    links |= {site: [laws.GroundDashpot([c])] for site, c in expected.items()}
+    truth = ChainModel([10.0] * n_floors, links)
     F = excitation.band_limited_random(
-        3, 20.0, 500.0, excited=1, rms=60.0, band=(0.5, 40.0), random_state=3
+        n_floors, 20.0, 500.0, excited=excited, rms=60.0, band=(0.5, 40), random_state=3
     )
-    report = close_loop(simulate(truth, F, 1 / 500))
+    record = add_noise(simulate(truth, F, 1 / 500), noise, random_state=3)
+    report = close_loop(record)
     dashpots = {step.site: step.parameters.get("c") for step in report.steps}
-    assert dashpots == pytest.approx({"ground 2": 8.0, "ground 3": 8.0}, rel=1e-3)
+    assert dashpots == pytest.approx(expected, rel=within)
 
 
 def test_a_rest_before_the_motion_hides_nothing():

@@ -27,7 +27,8 @@ PASS, FAIL = "PASS", "FAIL"
 def options_of(module: str | None, quick: str = "") -> argparse.ArgumentParser:
     """Command line of a benchmark: its docstring as help, ``--quick`` if described."""
     parser = argparse.ArgumentParser(
-        description=module, formatter_class=argparse.RawDescriptionHelpFormatter
+        description=(module or "").replace("%", "%%"),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     if quick:
         parser.add_argument("--quick", action="store_true", help=quick)

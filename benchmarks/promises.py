@@ -194,7 +194,7 @@ def noise_floor(regressor: NRFRegressor, record: Record, draws: int = 4) -> Nois
     """
     smoother = KinematicSmoother(noise="estimate", band="auto")
     smoother.transform_record(record)
-    levels = levels_of(record, smoother.noise_)
+    levels = levels_of(record, smoother.noise_.to_dict())
     quiet = quiet_drive(record, levels)
     rng = np.random.default_rng(0)
     run = regressor.simulate(

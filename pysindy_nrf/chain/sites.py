@@ -1,7 +1,7 @@
 """Sites of force laws, written in one grammar.
 
-``"storey 2"``, ``"link 4-2"``, ``"ground 3"``, ``"dof 2"``, ``"sensor a2"``. Equivalent
-spellings are one site: storey 1 = ground 1 = link 1-0.
+``"storey 2"``, ``"link 4-2"``, ``"ground 3"``, ``"dof 2"``, ``"sensor a2"``, ``"sensors
+2"`` (all of DOF 2). Equivalent spellings are one site: storey 1 = ground 1 = link 1-0.
 """
 
 from __future__ import annotations
@@ -13,9 +13,12 @@ from typing import TypeVar
 from ..common import is_whole
 from ..exceptions import ChainError
 
-_GRAMMAR = "'storey 2', 'link 4-2', 'ground 3', 'dof 2' or 'sensor a2'"
+_GRAMMAR = (
+    "'storey 2', 'link 4-2', 'ground 3', 'dof 2', 'sensor a2' or 'sensors 2' (all of"
+    " DOF 2)"
+)
 _PATTERN = re.compile(
-    r"\s*(?:(?P<word>storey|story|ground|dof)\s+(?P<number>\d+)"
+    r"\s*(?:(?P<word>storey|story|ground|dof|sensors)\s+(?P<number>\d+)"
     r"|link\s+(?P<p>\d+)\s*-\s*(?P<q>\d+)"
     r"|sensor\s+(?P<channel>\S+))\s*\Z"
 )
@@ -41,16 +44,16 @@ class Site(str):
     ----------
     text : str, int or Site
         A site in the grammar ``"storey 2"``, ``"link 4-2"``, ``"ground 3"``, ``"dof
-        2"``, ``"sensor a2"``; an integer i means storey i.
+        2"``, ``"sensor a2"``, ``"sensors 2"``; an integer i means storey i.
 
     Attributes
     ----------
     kind : {"link", "dof", "sensor"}
     p, q : int
-        The two degrees of freedom of a link, p > q >= 0 (0 is the base); for a DOF, p
-        is the DOF.
+        The two degrees of freedom of a link, p > q >= 0 (0 is the base); for a DOF and
+        its sensors, p is the DOF.
     channel : str
-        The channel of a sensor site.
+        The channel of a single sensor.
 
     Raises
     ------
@@ -89,6 +92,22 @@ class Site(str):
         """True if the site joins two neighbouring DOFs (or DOF 1 and the base)."""
         return self.kind == "link" and self.p == self.q + 1
 
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels of a sensor, or of the motion that all sensors of a DOF read.
+
+        Examples
+        --------
+        >>> from pysindy_nrf import Site
+        >>> Site("sensor F3").channels, Site("sensors 2").channels
+        (('F3',), ('a2', 'v2', 'x2'))
+        """
+        if self.kind != "sensor":
+            return ()
+        if self.channel:
+            return (self.channel,)
+        return tuple(f"{kind}{self.p}" for kind in "avx")
+
     def incidence(self, dof: int) -> int:
         """Sign of the site's force in the equation of motion of a DOF.
 
@@ -120,7 +139,7 @@ class Site(str):
 def _spelling(kind: str, p: int, q: int, channel: str) -> str:
     """The one text by which a site is known."""
     if kind == "sensor":
-        return f"sensor {channel}"
+        return f"sensor {channel}" if channel else f"sensors {p}"
     if kind == "dof":
         return f"dof {p}"
     if p == q + 1:
@@ -142,7 +161,8 @@ def _parse(text: object) -> tuple[str, int, int, str]:
     if match is None:
         raise ChainError(f"{text!r} is not a site", f"Write it as {_GRAMMAR}.")
     if match["channel"]:
-        return "sensor", 0, 0, match["channel"]
+        number = match["channel"][1:]
+        return "sensor", int(number) if number.isdecimal() else 0, 0, match["channel"]
     if match["p"]:
         return _parse_link(text, int(match["p"]), int(match["q"]))
 
@@ -152,6 +172,8 @@ def _parse(text: object) -> tuple[str, int, int, str]:
         raise ChainError(what, "Storeys and DOFs count from 1; DOF 0 is the base.")
     if match["word"] == "dof":
         return "dof", number, 0, ""
+    if match["word"] == "sensors":
+        return "sensor", number, 0, ""
     if match["word"] == "ground":
         return "link", number, 0, ""
     return "link", number, number - 1, ""

@@ -236,6 +236,8 @@ def _place(site: str) -> str:
         return f"between floor {number} and the ground"
     if kind == "dof":
         return f"on floor {number}"
+    if kind == "sensors":
+        return f"in all sensors of floor {number}"
     return f"in {site}"
 
 

@@ -5,7 +5,7 @@ An effect that such errors would explain as well is not claimed.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -108,8 +108,8 @@ class ChannelErrors:
         See :func:`pysindy_nrf.close_loop`.
     known : sequence of Effect
         Effects that were found.
-    left_out : str
-        A channel whose errors are not among them.
+    left_out : collection of str
+        Channels whose errors are not among them.
     """
 
     def __init__(
@@ -118,7 +118,7 @@ class ChannelErrors:
         records: PreparedRecords,
         tolerances: Mapping[str, float],
         known: Sequence[Effect],
-        left_out: str = "",
+        left_out: Collection[str] = (),
     ) -> None:
         self.spectra = spectra
         self.data: SearchData = spectra.data
@@ -128,7 +128,7 @@ class ChannelErrors:
             i: ChannelReadings(self.data, records, i) for i in self.data.searched
         }
         possible = self._possible(tolerances, known)
-        self.errors = [error for error in possible if error.channel != left_out]
+        self.errors = [error for error in possible if error.channel not in left_out]
         # what errors change in rows: of the last model, and of the one before
         self._changes: dict[_Touched, np.ndarray] = {}
         self._earlier_changes: dict[_Touched, np.ndarray] = {}
@@ -273,7 +273,8 @@ def _sizes_of_faults(known: Sequence[Effect]) -> dict[tuple[str, str], float]:
     for effect in known:
         if isinstance(effect.law, SensorFault) and effect.law.order in _NAMES:
             name = _NAMES[effect.law.order]
-            sizes[effect.site.channel, name] = abs(effect.law.share)
+            for channel in effect.site.channels:
+                sizes[channel, name] = abs(effect.law.share)
     return sizes
 
 
@@ -358,14 +359,14 @@ class ChannelErrorTest:
 
     def of_other_channels(
         self,
-        channel: str,
+        channels: Collection[str],
         before: FittedModel,
         records: PreparedRecords,
         known: Sequence[Effect],
     ) -> float:
-        """Error reduction of likely errors of all channels but one, dB."""
+        """Error reduction of likely errors of all channels but some, dB."""
         errors = ChannelErrors(
-            before.spectra, records, self.tolerances, known, left_out=channel
+            before.spectra, records, self.tolerances, known, left_out=channels
         )
         freed = errors.freed(before, limit=CHANNEL_ERRORS.likely)
         return freed.model.reduction_from(before).value

@@ -266,9 +266,9 @@ class ClassSearch:
         if finding.witnessed:
             return False
         if finding.is_fault:
-            channel = finding.candidate.sites[0].channel
+            channels = finding.candidate.sites[0].channels
             of_errors = test.of_other_channels(
-                channel, before, state.records, state.effects
+                channels, before, state.records, state.effects
             )
             return of_errors > after.reduction_from(before).value
         law = finding.candidate.law

@@ -206,7 +206,7 @@ def _size_of(finding: Finding) -> float:
     law = finding.laws[0]
     if not isinstance(law, SensorFault) or law.order is None:
         return 0.0
-    dof = int(finding.candidate.sites[0].channel[1:])
+    dof = finding.candidate.sites[0].p
     rate = mean_rate(finding.before.model.spectra.data, dof)
     return abs(law.share) * rate**law.order
 

@@ -4,7 +4,8 @@ A fault of a sensor is not a force: it changes the channels from which every col
 built, and the fusion that mixes them. So a candidate corrects the channel, and the same
 model is fitted again to what follows. Where a DOF has several kinds of channels their
 contradiction gives the fault, and the balances show which of them is wrong. Where it
-has one, and for forces, the fault is found from the balances alone.
+has one, or all of its channels have the fault, and for forces, the fault is found from
+the balances alone.
 
 What the data cannot show is not tried: the gain of the only force where no mass is
 known (it scales the chain), the gain of the only DOF, the zero of x1 (a constant force
@@ -58,7 +59,10 @@ LARGE_LOSS = 1e6
 
 @dataclass(frozen=True)
 class Suspect:
-    """A fault at a channel; witnessed if another channel of its DOF contradicts it."""
+    """A fault at a channel, or at all of a DOF.
+
+    Witnessed if another channel of its DOF contradicts it.
+    """
 
     law: SensorFault
     site: Site
@@ -178,9 +182,9 @@ class FaultSearch:
         return [suspect for _, suspect in promising]
 
     def _alone(self, records: PreparedRecords, data: SearchData) -> Iterator[Suspect]:
-        """Channels that no other of their DOF can contradict, with possible faults."""
-        motions = _single_channels(records.records[longest_record(data)])
-        forces = [f"F{j}" for j in data.forced]
+        """Sensors that no other of their DOF can contradict, with possible faults."""
+        motions = _sensors_of_motion(records.records[longest_record(data)])
+        forces = [Site(f"sensor F{j}") for j in data.forced]
         motions_are_scaled = data.n_dof > 1 and bool(data.forced)
         forces_are_scaled = len(data.forced) + len(data.known_masses) > 1
 
@@ -194,20 +198,26 @@ class FaultSearch:
                 yield from _suspects(law, forces)
 
 
-def _single_channels(record: Record) -> list[str]:
-    """Channels of the motion of DOFs that have no other."""
-    single = []
+def _sensors_of_motion(record: Record) -> list[Site]:
+    """The only sensor of each DOF, or all that it has.
+
+    Where one sensor is integrated to the other channels they share its faults.
+    """
+    sites = []
     for j in range(1, record.n_dof + 1):
-        kinds = [kind for kind in "avx" if f"{kind}{j}" in record.measured]
-        if len(kinds) == 1:
-            single.append(f"{kinds[0]}{j}")
-    return single
+        site = Site(f"sensors {j}")
+        measured = [name for name in site.channels if name in record.measured]
+        if len(measured) == 1:
+            site = Site(f"sensor {measured[0]}")
+        if measured:
+            sites.append(site)
+    return sites
 
 
-def _suspects(law: SensorFault, channels: Sequence[str]) -> Iterator[Suspect]:
-    """A fault at each of some channels."""
-    for channel in channels:
-        yield Suspect(law, Site(f"sensor {channel}"))
+def _suspects(law: SensorFault, sites: Sequence[Site]) -> Iterator[Suspect]:
+    """A fault at each of some sensors."""
+    for site in sites:
+        yield Suspect(law, site)
 
 
 def _earlier(state: SearchState, suspect: Suspect) -> Effect | None:
@@ -219,7 +229,7 @@ def _earlier(state: SearchState, suspect: Suspect) -> Effect | None:
 
 
 class _Scan:
-    """Values of a fault of one channel.
+    """Values of a fault at one site.
 
     Its promise is the largest error reduction of three trials, dB: up, down, and where
     a parabola through the powers that these leave is least.
@@ -233,8 +243,7 @@ class _Scan:
         self.suspect = suspect
         unit = 1.0
         if suspect.law.terms()[0].unit == "s":
-            dof = int(suspect.site.channel[1:])
-            unit = 1.0 / mean_rate(model.spectra.data, dof)
+            unit = 1.0 / mean_rate(model.spectra.data, suspect.site.p)
 
         step, reach = suspect.law.scan
         self.least = FAULTS.least_share * unit
@@ -320,7 +329,7 @@ def _corrected(
     data = model.spectra.data
     try:
         true = [as_true(r, suspect.site, suspect.law) for r in records.records]
-        if suspect.site.channel[0] == "F":
+        if suspect.site.channel.startswith("F"):
             motions = _freed(data, records, suspect.site, suspect.law)
             fresh = replace(records, records=true, data=motions)
         else:
@@ -358,11 +367,14 @@ def _cuts(data: SearchData, record: int) -> list[int]:
 
 
 def _channels_of(segment: Segment, record: Record, site: Site) -> dict[str, np.ndarray]:
-    """A force, or the whole motion of a DOF as its channel reads it."""
-    kind, dof = site.channel[0], int(site.channel[1:])
-    if kind == "F":
-        return {"F": segment.F[:, dof - 1]}
-    return motion_of_dof(segment, dof, reads_absolute(record, kind))
+    """A force, or the whole motion of a DOF as its channels read it."""
+    if site.channel.startswith("F"):
+        return {"F": segment.F[:, site.p - 1]}
+    if site.channel:
+        absolute = reads_absolute(record, site.channel[0])
+        return motion_of_dof(segment, site.p, absolute)
+    motion = motion_of_dof(segment, site.p, reads_absolute(record, "x"))
+    return {**motion, "a": segment.a[:, site.p - 1]}
 
 
 def _freed_segment(
@@ -373,14 +385,13 @@ def _freed_segment(
     cuts: Sequence[int],
 ) -> Segment:
     """A record with some channels freed of a fault, their pieces on their own."""
-    dof = int(site.channel[1:])
     changes = {}
     for key, channel in channels.items():
         if np.nan_to_num(channel).any():
             reading = np.asarray(channel, dtype=float)
             freed = _freed_channel(law, reading, segment.dt or 1.0, cuts)
             changes[key] = freed - reading
-    return segment.moved(dof, **changes)
+    return segment.moved(site.p, **changes)
 
 
 def _freed_channel(

@@ -17,32 +17,36 @@ def as_read(record: Record, laws: Mapping[Site, Sequence[ForceLaw]]) -> Record:
         if site.kind == "sensor":
             for law in laws_there:
                 if isinstance(law, SensorFault):
-                    record = _with_channel(record, site, law.reading)
+                    record = _with_channels(record, site, law.reading)
     return record
 
 
 def as_true(record: Record, site: Site, law: SensorFault) -> Record:
-    """A record with one channel freed of a fault."""
-    return _with_channel(record, site, law.corrected)
+    """A record with the channels of a site freed of a fault."""
+    return _with_channels(record, site, law.corrected)
 
 
-def _with_channel(
+def _with_channels(
     record: Record, site: Site, change: Callable[[np.ndarray, float], np.ndarray]
 ) -> Record:
-    """A record with one channel passed through a function of its values and dt."""
-    letter, number = site.channel[:1], site.channel[1:]
-    is_channel = letter in OF_LETTER and number.isdigit()
-    if not is_channel or not 1 <= int(number) <= record.n_dof:
+    """A record with the channels of a site passed through a function.
+
+    Of their values and dt.
+    """
+    letters = [channel[0] for channel in site.channels]
+    if not (1 <= site.p <= record.n_dof and set(letters) <= OF_LETTER.keys()):
         raise ChannelError(
             f"{str(site)!r} is not a channel of record {record.name!r}",
             f"Its channels are {', '.join(record.channels())}.",
         )
 
-    name = OF_LETTER[letter]
-    if getattr(record, name) is None:
-        return record
-    values = np.array(getattr(record, name), dtype=float)
-    column = int(number) - 1
-    if np.nan_to_num(values[:, column]).any():
-        values[:, column] = change(values[:, column], record.dt)
-    return record.replace(**{name: values})
+    changes = {}
+    for name in map(OF_LETTER.__getitem__, letters):
+        if getattr(record, name) is None:
+            continue
+        values = np.array(getattr(record, name), dtype=float)
+        column = site.p - 1
+        if np.nan_to_num(values[:, column]).any():
+            values[:, column] = change(values[:, column], record.dt)
+        changes[name] = values
+    return record.replace(**changes)

@@ -108,6 +108,40 @@ def test_the_faulty_sensor_is_found_and_measured(
     assert np.allclose(report.model.masses, chain(3, 3).masses, rtol=0.02)
 
 
+def test_all_sensors_of_a_floor_read_the_same_fault():
+    gain = {"sensors 2": laws.GainError(-0.1)}
+    plain, faulty = record(2, [2], 0.0), record(2, [2], 0.0, sensors=gain)
+    for key in ("acceleration", "velocity", "displacement"):
+        reading, true = getattr(faulty, key), getattr(plain, key)
+        assert np.array_equal(reading, true * [1.0, 0.9])
+    assert np.array_equal(faulty.force, plain.force)
+
+
+@pytest.mark.parametrize(
+    ("forced", "left_out", "fault"),
+    [
+        ([3], ["velocity"], laws.GainError(-0.08)),
+        pytest.param(
+            [1, 2, 3], [], laws.GainError(0.12), marks=pytest.mark.slow, id="all"
+        ),
+        pytest.param(
+            [1], ["displacement"], laws.ChannelDelay(0.004), marks=pytest.mark.slow
+        ),
+    ],
+)
+def test_a_fault_that_all_sensors_of_a_floor_share_is_no_brace(forced, left_out, fault):
+    """As where displacement and velocity are integrals of one acceleration."""
+    faulty = record(3, forced, 0.01, sensors={"sensors 2": fault})
+    report = close_loop(faulty.replace(**dict.fromkeys(left_out)))
+    step = report.steps[0]
+    assert (step.law, step.site) == (fault.name, "sensors 2")
+    assert step.confirmed and not step.sure
+
+    (value,) = step.parameters.values()
+    assert value == pytest.approx(fault.values[0], rel=0.05)
+    assert np.allclose(report.model.masses, chain(3, 3).masses, rtol=0.01)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_a_small_gain_of_a_force_is_found_where_it_stands_out(noise):

@@ -184,7 +184,7 @@ def _characterised(
     """The kind of the force that is missing at a site."""
     residual = localiser.residual
     missing = localiser.missing_force(site)
-    moving = Site(f"dof {site.channel[1:]}") if site.kind == "sensor" else site
+    moving = Site(f"dof {site.p}") if site.kind == "sensor" else site
     noise = np.nan
     if floor is not None:
         noise = floor.rms_at(str(site) if site.is_storey else f"dof {moving.p}")

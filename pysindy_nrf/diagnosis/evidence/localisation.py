@@ -449,7 +449,7 @@ class Localiser:
 
     def _slopes(self, site: Site) -> list[np.ndarray]:
         """Slopes of the channel of a sensor: what a delay adds to it."""
-        kind, j = site.channel[0], int(site.channel[1:]) - 1
+        kind, j = site.channel[0], site.p - 1
         slopes = []
         for seg, filter_ in zip(self.residual.data.segments, self.residual.filters):
             channel = seg.a if kind == "a" else seg.F
@@ -498,7 +498,7 @@ def _incidence(chain: Chain, site: Site) -> np.ndarray:
     if site.kind != "sensor":
         return chain.incidence([site])[:, 0]
     dofs = np.arange(1, chain.n_dof + 1)
-    return (dofs == int(site.channel[1:])).astype(float)
+    return (dofs == site.p).astype(float)
 
 
 def _signs(chain: Chain, site: Site) -> str:

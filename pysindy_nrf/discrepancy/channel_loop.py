@@ -31,7 +31,7 @@ from .judge import JUDGE
 from .judgement import Judgement, report_of
 from .places import class_at
 from .report import LoopReport, Step
-from .run_models import ChannelState, FittedRuns, RunModels, SplitRuns
+from .run_models import ChannelState, FittedRun, FittedRuns, RunModels, SplitRuns
 from .steps import draft_step
 
 
@@ -142,10 +142,10 @@ class ChannelLoop(
         problem = replace(self.request.problem, band=self.request.band)
         models = RunModels(problem, folds)
         declared = models.declared()
-        model = models.fit(folds.runs.model, declared.search, CHANNELS.fit_steps).model
-        first = models.settle("baseline", declared.search, model)
+        run = models.fit(declared, CHANNELS.fit_steps)
+        first = models.settle("baseline", declared.search, run)
         if first is None:
-            first = models.linearise("baseline", model, model.laws)
+            first = models.linearise("baseline", run, run.model.laws)
         return ChannelStart(models, first)
 
     # -- search ----------------------------------------------------------------
@@ -291,7 +291,8 @@ def _settled(finding: Finding, outcome: ChannelOutcome) -> SettledFinding | None
     if finding.after is None:
         return None
     name = finding.candidate.name
-    state = outcome.start.models.settle(name, finding.after)
+    start = FittedRun(finding.after.model.chain_model(), outcome.final.shots)
+    state = outcome.start.models.settle(name, finding.after, start)
     if state is None:
         return None
     return _about(state, finding, outcome)

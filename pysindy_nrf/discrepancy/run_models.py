@@ -18,7 +18,6 @@ from ..identification.free_runs import linear_matrices
 from ..identification.output_error import (
     FreeRunFit,
     Shot,
-    Solution,
     free_parameters,
 )
 from ..identification.problem import Problem
@@ -65,10 +64,22 @@ class SplitRuns:
 
 @dataclass(frozen=True, eq=False)
 class ChannelState:
-    """A model judged by its free run, and the linear problem about it."""
+    """A model judged by its free run, the linear problem about it, and its shots."""
 
     judged: JudgedModel
     search: SearchState
+    shots: list[Shot]
+
+
+@dataclass(frozen=True, eq=False)
+class FittedRun:
+    """A model fitted by its free run, and shots from the initial states found with it.
+
+    Those of what is held out begin as before.
+    """
+
+    model: ChainModel
+    shots: list[Shot]
 
 
 class RunModels:
@@ -82,89 +93,87 @@ class RunModels:
 
     def __init__(self, problem: Problem, split_runs: SplitRuns) -> None:
         self.problem = problem
-        self.declared_estimate = split_runs.runs.estimate
-        self.shots = split_runs.runs.shots
+        self.declared_runs = split_runs.runs
         self.folds = split_runs.folds
         self.length = split_runs.length
-        spectra = self._spectra(split_runs.runs.model)
-        self.bands = spectra.find_bands(problem.band)
-        self._first = split_runs.runs.model, spectra
+        self._first = self._spectra(self.declared_runs.model, self.declared_runs.shots)
+        self.bands = self._first.find_bands(problem.band)
 
-    def _spectra(self, model: ChainModel) -> ChannelSpectra:
+    def _spectra(self, model: ChainModel, shots: list[Shot]) -> ChannelSpectra:
         """Spectra of the channels about the free run of a model."""
-        run = Linearised(model, self.shots)
-        channels = self.shots[0].channels
+        run = Linearised(model, shots)
+        channels = shots[0].channels
         data = ChannelData(run, channels, self.folds, self.problem.known_masses)
         windows = ChannelWindows(len(channels), data.data, data.search, self.length)
         return ChannelSpectra(data, windows)
 
     def declared(self) -> ChannelState:
         """The declared model about its free run."""
-        model, spectra = self._first
-        return self._judged("baseline", model, model.laws, spectra)
+        model, shots = self.declared_runs.model, self.declared_runs.shots
+        linear = self._fitted(self._first, model.laws)
+        judged = judge_run("baseline", model, linear)
+        return ChannelState(judged, SearchState(linear), shots)
 
     def linearise(
         self,
         name: str,
-        model: ChainModel,
+        run: FittedRun,
         laws: LawsBySite,
         effects: Iterable[Effect] = (),
     ) -> ChannelState:
         """A model judged by its free run, and the linear problem about it."""
-        return self._judged(name, model, laws, self._spectra(model), effects)
+        linear = self._fitted(self._spectra(run.model, run.shots), laws)
+        judged = judge_run(name, run.model, linear)
+        return ChannelState(judged, SearchState(linear, tuple(effects)), run.shots)
 
-    def _judged(
-        self,
-        name: str,
-        model: ChainModel,
-        laws: LawsBySite,
-        spectra: ChannelSpectra,
-        effects: Iterable[Effect] = (),
-    ) -> ChannelState:
-        """A model judged by the run about which spectra are linearised."""
-        linear = fit_model(spectra.with_bands(self.bands), self.problem.chain, laws)
-        judged = judge_run(name, model, linear)
-        return ChannelState(judged, SearchState(linear, tuple(effects)))
+    def _fitted(self, spectra: ChannelSpectra, laws: LawsBySite) -> FittedModel:
+        """The linear problem about a run, in the informative bands."""
+        return fit_model(spectra.with_bands(self.bands), self.problem.chain, laws)
 
     def settle(
-        self,
-        name: str,
-        state: SearchState,
-        model: ChainModel | None = None,
+        self, name: str, state: SearchState, start: FittedRun
     ) -> ChannelState | None:
         """Linearise about the free run until it stops improving; None if it diverges.
 
         By the error reduction, by which candidates are judged: else every candidate
         would gain what the model without it was not settled by. Shape parameters are
         refined on the way.
+
+        Parameters
+        ----------
+        name : str
+        state : SearchState
+        start : FittedRun
+            About which the state is linearised first.
         """
         best: ChannelState | None = None
         gain = np.inf
+        run = start
         with suppress(NRFError, np.linalg.LinAlgError):
             for _ in range(CHANNELS.max_linearisations):
-                model = state.model.chain_model() if model is None else model
-                new = self.linearise(name, model, state.model.laws, state.effects)
+                new = self.linearise(name, run, state.model.laws, state.effects)
                 if best is not None:
                     gain = new.judged.model.reduction_from(best.judged.model).value
                 if gain > 0:
                     best = new
                 if gain < CHANNELS.stalled:
                     break
-                state, model = polished(new.search), None
+                state = polished(new.search)
+                run = FittedRun(state.model.chain_model(), start.shots)
         return best
 
-    def fit(self, model: ChainModel, state: SearchState, steps: int) -> Solution:
+    def fit(self, state: ChannelState, steps: int) -> FittedRun:
         """Fit the free run of a model to all rows that are not held out.
 
         By the sensitivities and initial states of its free run.
         """
-        used = [shot for shot in self.shots if shot.weights.any()]
-        fit = self._fit_to(used, model, state.effects)
+        used = [shot for shot in state.shots if shot.weights.any()]
+        model = state.judged.model.chain_model()
+        fit = self._fit_to(used, model, state.search.effects)
         solution = fit.solve(fit.rebuild.start, steps=steps, move=True)
-        # later runs begin from the initial states that were estimated
         begun = iter(fit.begun_from(solution).shots)
-        self.shots = [next(begun) if s.weights.any() else s for s in self.shots]
-        return solution
+        shots = [next(begun) if s.weights.any() else s for s in state.shots]
+        return FittedRun(solution.model, shots)
 
     def _fit_to(
         self, shots: Sequence[Shot], model: ChainModel, effects: Sequence[Effect]
@@ -189,9 +198,9 @@ class RunModels:
             If the channels do not determine it, or its free run leaves them.
         """
         model, effects = state.judged.model.chain_model(), state.search.effects
-        estimate = self.declared_estimate
+        estimate = self.declared_runs.estimate
         if effects:
-            searched = [shot for shot in self.shots if shot.weights.any()]
+            searched = [shot for shot in state.shots if shot.weights.any()]
             weights = [shot.weights for shot in estimate.fit.shots]
             shots = [replace(s, weights=w) for s, w in zip(searched, weights)]
             estimate = refined(self._fit_to(shots, model, effects))
@@ -210,28 +219,21 @@ class RunModels:
 
         As it was where that misses no less, or diverges.
         """
-        name, model = state.judged.name, state.judged.model.chain_model()
         with suppress(NRFError, np.linalg.LinAlgError):
-            best = self.fit(model, state.search, steps).model
+            run = self.fit(state, steps)
             effects = []
             for effect in state.search.effects:
-                effects.append(replace(effect, law=effect.law_in(best)))
-            new = self.linearise(name, best, best.laws, effects)
+                effects.append(replace(effect, law=effect.law_in(run.model)))
+            new = self.linearise(state.judged.name, run, run.model.laws, effects)
             if new.judged.model.reduction_from(state.judged.model).value > 0:
                 return new
         return state
 
     def refine_candidate(self, state: ChannelState) -> ChannelState:
-        """The same of one of several; later runs do not begin where it does.
-
-        In few steps where the run has to be integrated.
-        """
-        shots = self.shots
+        """The same of one of several, in few steps where its run is integrated."""
         is_linear = linear_matrices(state.judged.model.chain_model()) is not None
         steps = CHANNELS.fit_steps if is_linear else CHANNELS.trial_steps
-        refined_state = self.refine(state, steps)
-        self.shots = shots
-        return refined_state
+        return self.refine(state, steps)
 
 
 def _number_of(effect: Effect, model: ChainModel) -> int:

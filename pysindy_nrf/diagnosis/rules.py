@@ -396,7 +396,7 @@ def diverging_free_run(facts: Facts) -> list[Reason]:
     if run.diverges:
         message = run.why_not or "The free run diverges."
         return [Reason("free run", "red", message, size=run.error)]
-    if not _leaves_the_motion(run):
+    if not _leaves_the_motion(facts):
         return []
 
     message = "The free run diverges."
@@ -405,13 +405,16 @@ def diverging_free_run(facts: Facts) -> list[Reason]:
     return [Reason("free run", "red", message, size=run.error)]
 
 
-def _leaves_the_motion(run: FreeRunFacts) -> bool:
+def _leaves_the_motion(facts: Facts) -> bool:
     """Whether a run is lost, though a spring holds the chain, from its start on.
 
-    Where errors of the parameters lead as far away, no model of the structure follows.
+    Where errors of the parameters lead as far away, no model of the structure follows;
+    but a mode that grows makes every run sensitive, and no structure has one.
     """
+    run = facts.free_run
+    may_be_right = is_sensitive(run) and facts.growing_mode is None
     follows_at_first = run.over_periods < ASTRAY
-    if is_sensitive(run) or run.floats or follows_at_first:
+    if may_be_right or run.floats or follows_at_first:
         return False
     return run.error > DIVERGED
 

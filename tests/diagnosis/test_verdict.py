@@ -113,6 +113,15 @@ def test_a_mode_that_grows_is_a_doubt_even_where_the_free_run_follows(run):
     assert kinds(verdict) == [("damping", "mode 1")]
 
 
+def test_a_mode_that_grows_does_not_excuse_a_run_that_is_lost():
+    """Errors of the parameters move such a run as far as they like."""
+    run = FreeRunFacts(110.0, floats=False, spread=120.0)
+    growing = GrowingMode(3, -0.045)
+    verdict = verdict_from(replace(GOOD, growing_mode=growing, free_run=run))
+    assert verdict.state == "red"
+    assert kinds(verdict)[0] == ("free run", "")
+
+
 def test_what_equations_leave_is_noise_where_the_free_run_follows():
     facts = replace(GOOD, unexplained={1: 60.0, 2: 3.0})
     assert verdict_from(facts).state == "red"

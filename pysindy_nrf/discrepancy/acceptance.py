@@ -89,11 +89,16 @@ def next_proposal(
     """The proposal that comes next.
 
     The best, one of several sites by what each of them brings; or a simpler one that
-    explains the same.
+    explains the same: what it loses is less than a further effect must bring.
     """
     best = max(proposals, key=_value_of_each_site)
-    explaining = [p for p in proposals if _explains(p, best, state)]
-    return min([best, *explaining], key=_size)
+    explaining = [best]
+    for other in proposals:
+        nearly = best.value - other.value < ACCEPTANCE.least_of_later
+        if nearly and _is_simpler(other.proposal, best.proposal):
+            if leaves_nothing_of(best.proposal, other.proposal, state):
+                explaining.append(other)
+    return min(explaining, key=_size)
 
 
 def _value_of_each_site(judged: JudgedProposal) -> float:
@@ -105,27 +110,27 @@ def _size(judged: JudgedProposal) -> tuple[tuple[int, int], float]:
     return judged.proposal.finding.n_parameters, -judged.value
 
 
-def _explains(
-    simpler: JudgedProposal, best: JudgedProposal, state: SearchState
-) -> bool:
-    """Whether a simpler proposal leaves of the best one nothing to be claimed.
+def _is_simpler(proposal: Proposal, best: Proposal) -> bool:
+    """Whether a proposal has fewer parameters than the best one.
 
-    What it loses is less than a further effect must bring, and beside it the best one
-    is not there.
+    A fault that no other channel witnesses is not simpler than a force: with a gain of
+    its own a floor imitates most ties.
     """
-    of_best = best.proposal.finding
-    fewer = simpler.proposal.finding.n_parameters < of_best.n_parameters
-    nearly = best.value - simpler.value < ACCEPTANCE.least_of_later
-    if not (fewer and nearly and simpler.value > 0) or of_best.is_fault:
-        return False
+    finding = proposal.finding
+    is_guess = finding.is_fault and not finding.witnessed
+    return finding.n_parameters < best.finding.n_parameters and not is_guess
 
-    beside = simpler.proposal.finding.after
-    assert beside is not None
-    new = of_best.new_effects(state.effects)
+
+def leaves_nothing_of(force: Proposal, other: Proposal, state: SearchState) -> bool:
+    """Whether a force is not there beside another proposal, if that is an effect."""
+    beside = other.finding.after
+    if beside is None or other.value <= 0 or force.finding.is_fault:
+        return False
+    new = force.finding.new_effects(state.effects)
     try:
         both = beside.model.with_laws([(effect.site, effect.law) for effect in new])
     except NRFError:
         # their columns are the same
         return True
     reduction = both.reduction_from(beside.model)
-    return not judge.is_there(reduction, of_best.candidate.law)
+    return not judge.is_there(reduction, force.finding.candidate.law)

@@ -34,7 +34,7 @@ from ..records.quality import Kind, QualityNote
 from .balance_judgement import BalanceJudgement, BalanceOutcome
 from .effects import Finding
 from .excerpts import EXCERPTS
-from .final_estimate import with_final_estimate
+from .final_estimate import with_bounds, with_final_estimate
 from .fitted_model import FittedModel
 from .free_run import FREE_RUN
 from .judgement import measured_records, report_of
@@ -70,7 +70,13 @@ def balance_report(request: LoopRequest, concluded: BalanceJudgement) -> LoopRep
         faults=faults,
         quality=_quality(outcome, final),
     )
-    return _with_wiring(_with_ambiguity(report), request)
+    report = _with_ambiguity(report)
+    if not report.nothing_claimed:
+        instead: list[Alternative] = []
+        for tried in outcome.result.accepted:
+            instead += tried.naming.instead
+        report = _with_faults_instead(report, instead)
+    return _with_wiring(report, request)
 
 
 def _beyond_noise(
@@ -120,6 +126,28 @@ def _with_ambiguity(report: LoopReport) -> LoopReport:
     ambiguous = ambiguous_intervals(values, report.bounds, among.moves, among.rejecting)
     bounds = with_ambiguity(report.bounds, ambiguous)
     return replace(report, bounds=bounds, ambiguous_intervals=ambiguous)
+
+
+def _with_faults_instead(
+    report: LoopReport, instead: Sequence[Alternative]
+) -> LoopReport:
+    """The report with faults of sensors that explain the data instead of its effects.
+
+    Its intervals hold what they do, too.
+    """
+    among = OpenAlternatives.among(instead, {})
+    values = parameters_of(report.model).to_dict()
+    wider = ambiguous_intervals(values, report.bounds, among.moves)
+    names = {interval.parameter for interval in wider}
+    others = [i for i in report.ambiguous_intervals if i.parameter not in names]
+    bounds = with_ambiguity(report.bounds, wider)
+    return replace(
+        report,
+        steps=[with_bounds(step, report.model, bounds) for step in report.steps],
+        alternatives=(*report.alternatives, *instead),
+        bounds=bounds,
+        ambiguous_intervals=(*others, *wider),
+    )
 
 
 def _lack_of_fit(general: Sequence[Finding]) -> pd.DataFrame:

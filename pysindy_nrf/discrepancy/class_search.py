@@ -13,7 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from . import judge
-from .acceptance import ACCEPTANCE, JudgedProposal, is_there, next_proposal
+from .acceptance import (
+    ACCEPTANCE,
+    JudgedProposal,
+    is_there,
+    leaves_nothing_of,
+    next_proposal,
+)
 from .candidate_search import polished
 from .channel_errors import ChannelErrorTest
 from .class_result import ClassResult
@@ -23,6 +29,7 @@ from .effects import Candidate, Finding, RankedFinding, SearchState
 from .error_reduction import REDUCTION
 from .estimate_judge import EstimateJudge
 from .fitted_model import FittedModel
+from .instead import fault_instead
 from .judge import JUDGE
 from .naming import (
     NAMING,
@@ -184,7 +191,9 @@ class ClassSearch:
                 continue
             doubt = self._doubt(proposal, result)
             if not doubt:
-                return (self._with_rivals(best, proposals, state), judged), result
+                proposal = self._with_rivals(best, proposals, state)
+                proposal = _with_faults_instead(proposal, proposals, state)
+                return (proposal, judged), result
             why = why or doubt
         return None, replace(result, why_refused=why)
 
@@ -306,6 +315,18 @@ def _faults(findings: Sequence[Finding], state: SearchState) -> list[Proposal]:
         naming = Naming("sensor error", name, rivals=rivals)
         proposals.append(Proposal(fault.finding, fault.reduction, naming))
     return proposals
+
+
+def _with_faults_instead(
+    proposal: Proposal, proposals: Sequence[Proposal], state: SearchState
+) -> Proposal:
+    """A proposal with the faults of sensors beside which it is not there."""
+    known = state.model.spectra.data.known_masses
+    instead = []
+    for other in proposals:
+        if other.finding.is_fault and leaves_nothing_of(proposal, other, state):
+            instead.append(fault_instead(proposal.finding, other.finding, known))
+    return replace(proposal, naming=replace(proposal.naming, instead=instead))
 
 
 def _adds_to(other: Proposal, proposal: Proposal) -> bool:

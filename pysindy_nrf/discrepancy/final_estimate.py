@@ -249,11 +249,23 @@ def _with_values(
             intervals[shape.name] = bounds_of_shapes[name]
         elif shape.name in step.intervals and _is_of_clock(shape):
             intervals[shape.name] = step.intervals[shape.name]
+    step = replace(step, parameters=dict(law.parameters), intervals=intervals)
+    return with_bounds(step, model, bounds)
+
+
+def with_bounds(step: Step, model: ChainModel, bounds: Bounds) -> Step:
+    """A step with the intervals that are given of coefficients of its law."""
+    if not step.confirmed or step.is_fault:
+        return step
+    law = _law_of(step, model.laws[Site(step.site)])
+    if isinstance(law, SumOfAtoms):
+        return step
+    intervals = dict(step.intervals)
     for term in law.terms():
         name = f"{step.site}: {term.label}"
         if name in bounds:
             intervals[term.symbol] = bounds[name]
-    return replace(step, parameters=dict(law.parameters), intervals=intervals)
+    return replace(step, intervals=intervals)
 
 
 def _law_of(step: Step, laws: Sequence[ForceLaw]) -> ForceLaw:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..diagnosis.facts import Alternative
 from ..equations.normal_equations import variance
 from ..exceptions import NRFError
 from . import judge
@@ -20,7 +21,7 @@ from .candidate_search import SEARCH, best_findings, refined_finding, scan
 from .effects import Finding, SearchState
 from .error_reduction import ErrorReduction
 from .judge import JUDGE
-from .places import Place
+from .places import Place, class_at
 from .promises import Promise, effects_at
 
 
@@ -71,6 +72,8 @@ class Naming:
     one_shape : bool
         Whether several sites share the shape parameters of the name. Where they differ
         a wrong law with more of them is better than the right one.
+    instead : sequence of Alternative
+        Faults of sensors beside which the effect is not there.
     """
 
     effect_class: str
@@ -80,6 +83,7 @@ class Naming:
     rivals: Sequence[Finding] = ()
     names: Sequence[Finding] = ()
     one_shape: bool = False
+    instead: Sequence[Alternative] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +259,7 @@ def at_all_storeys(
     laws = [best.finding.candidate.law]
     laws += [rival.candidate.law for rival in best.naming.rivals]
     laws = laws[: NAMING.together]
-    classes = {}
+    candidates = []
     for place in places:
         taken = {effect.site for effect in effects_at(place, state)}
         free = tuple(site for site in place.sites if site not in taken)
@@ -265,13 +269,13 @@ def at_all_storeys(
         for candidate in place.names:
             law = candidate.law
             if law.acts_at == ("ground",) or (is_of_best and law in laws):
-                classes[replace(candidate, sites=free)] = place.effect_class
+                candidates.append(replace(candidate, sites=free))
 
     proposals = []
-    for finding in best_findings(state, classes, NAMING.together):
+    for finding in best_findings(state, candidates, NAMING.together):
         if finding.reduction is not None and _is_needed_everywhere(finding, state):
-            law = finding.candidate.law
-            effect_class = classes[finding.candidate]
+            law, site = finding.candidate.law, finding.candidate.sites[0]
+            effect_class = class_at(law, site, state.model.base)
             naming = Naming(effect_class, law.name, one_shape=bool(law.shapes))
             proposals.append(Proposal(finding, finding.reduction, naming))
     return proposals

@@ -24,7 +24,12 @@ from .candidate_search import polished
 from .channel_errors import ChannelErrorTest
 from .class_result import ClassResult
 from .constants import best_constant, state_with_means
-from .effect_judge import EFFECT_JUDGE, EffectJudge, JudgedEffect
+from .effect_judge import (
+    EFFECT_JUDGE,
+    EffectJudge,
+    JudgedEffect,
+    stands_beside_another,
+)
 from .effects import Candidate, Finding, RankedFinding, SearchState
 from .error_reduction import REDUCTION
 from .estimate_judge import EstimateJudge
@@ -185,6 +190,9 @@ class ClassSearch:
             best = next_proposal(there, state)
             there.remove(best)
             proposal, judged = best.proposal, best.judged
+            if self._only_bends_noise(proposal.finding, state):
+                why = why or "the final estimate without it leaves nothing but noise"
+                continue
             if not judged.holds:
                 result = result.with_refused(proposal, judged)
                 why = why or _in_words(judged)
@@ -235,6 +243,13 @@ class ClassSearch:
             if is_rival:
                 as_good.append(other)
         return as_good
+
+    def _only_bends_noise(self, finding: Finding, state: SearchState) -> bool:
+        """Whether a finding comes to a law of a site that leaves nothing to it."""
+        new = finding.new_effects(state.effects)
+        if finding.is_fault or not stands_beside_another(new, state):
+            return False
+        return self.tools.estimates.leaves_noise_alone(state)
 
     def _doubt(self, proposal: Proposal, result: ClassResult) -> str:
         """What speaks against a proposal: channels, final estimate, motion, noise."""

@@ -131,7 +131,7 @@ class EffectJudge:
             if heldout.fails:
                 return JudgedEffect(False, "another time", amplitude, heldout)
             return JudgedEffect(True, "another amplitude", amplitude, heldout)
-        if _speaks_against(amplitude, law) or _stands_beside_another(new, state):
+        if _speaks_against(amplitude, law) or stands_beside_another(new, state):
             return JudgedEffect(False, "another amplitude", amplitude, heldout)
         holds = heldout.exceeds(EFFECT_JUDGE.least_alone, errors)
         return JudgedEffect(holds, "another time", amplitude, heldout)
@@ -217,11 +217,11 @@ class EffectJudge:
 
 def _what_is_asked(new: Sequence[Effect], state: SearchState) -> tuple[float, float]:
     """Least error reduction of new effects, dB, and standard errors above zero."""
-    if not state.effects:
-        return EFFECT_JUDGE.least, EFFECT_JUDGE.errors_of_first
-    if _stands_beside_another(new, state):
+    if stands_beside_another(new, state):
         return EFFECT_JUDGE.least_beside, EFFECT_JUDGE.errors_of_later
-    return EFFECT_JUDGE.least, EFFECT_JUDGE.errors_of_later
+    if state.effects:
+        return EFFECT_JUDGE.least, EFFECT_JUDGE.errors_of_later
+    return EFFECT_JUDGE.least, EFFECT_JUDGE.errors_of_first
 
 
 def _speaks_against(amplitude: OtherCondition, law: ForceLaw) -> bool:
@@ -231,14 +231,16 @@ def _speaks_against(amplitude: OtherCondition, law: ForceLaw) -> bool:
     return not law.permanent_change and amplitude.is_below(EFFECT_JUDGE.least_alone)
 
 
-def _stands_beside_another(new: Iterable[Effect], state: SearchState) -> bool:
-    """Whether new effects come to a site that has one.
+def stands_beside_another(new: Iterable[Effect], state: SearchState) -> bool:
+    """Whether new effects come to a site that has one, or a declared nonlinear law.
 
     What the law of that one misses repeats with every cycle: held-out time does not
     separate it from a second effect.
     """
-    sites = {effect.site for effect in state.effects}
-    return any(effect.site in sites and not effect.enriches for effect in new)
+    for effect in new:
+        if not effect.enriches and state.has_shape_at(effect.site):
+            return True
+    return False
 
 
 def _cut(

@@ -9,6 +9,7 @@ from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..laws.atoms import SumOfAtoms
 from ..laws.base import ForceLaw
+from ..laws.power_series import PowerSeries
 from .error_reduction import ErrorReduction
 from .fitted_model import FittedModel
 from .prepare import PreparedRecords
@@ -93,6 +94,17 @@ class SearchState:
     model: FittedModel
     effects: tuple[Effect, ...] = ()
     records: PreparedRecords | None = None
+
+    def has_shape_at(self, site: Site) -> bool:
+        """Whether a law of a certain shape acts at a site, declared or found.
+
+        Springs, dashpots and power series bend with the data.
+        """
+        for law in self.model.laws.get(site, ()):
+            labels = {term.label for term in law.terms()}
+            if not (labels <= {"s", "v"} or isinstance(law, PowerSeries)):
+                return True
+        return any(effect.site == site for effect in self.effects)
 
     def without(self, effects: Iterable[Effect]) -> SearchState:
         """The state without some effects."""

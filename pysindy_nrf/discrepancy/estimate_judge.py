@@ -19,6 +19,7 @@ import numpy as np
 
 from ..chain.model import ChainModel
 from ..diagnosis.offsets import with_offsets
+from ..diagnosis.open_alternatives import EXPLAINED
 from ..identification.result import IdentificationResult
 from ..laws.sensor import SensorFault
 from .claims import wrong_masses
@@ -101,6 +102,21 @@ class EstimateJudge:
         errors = estimate.standard_errors()
         new = finding.new_effects(state.effects)
         return not all(_differs_from_zero(e, estimate.model, errors) for e in new)
+
+    def leaves_noise_alone(self, state: SearchState) -> bool:
+        """Whether the final estimate of a state leaves nothing but noise.
+
+        Its equations do, or its free run follows the motion as closely. Noise in a rate
+        blunts friction, so that least squares misses a part of it; the instruments of
+        the final estimate do not.
+        """
+        estimate = self._estimate(state)
+        if estimate is None:
+            return False
+        remaining = estimate.beside_noise.remaining(estimate.unexplained)
+        if max(remaining.values()) < EXPLAINED:
+            return True
+        return self._error_of_estimate(state) < EXPLAINED
 
     def contradicts(self, finding: Finding, state: SearchState) -> bool:
         """Whether the motion that the model predicts speaks against a finding.

@@ -132,6 +132,13 @@ def test_no_ordinary_mistake_is_silent_and_no_clean_test_is_accused():
 
 
 @pytest.mark.slow
+def test_the_loop_claims_no_mistake_that_is_not_there():
+    printed = run("loop_on_mistakes", "--quick")
+    (gain,) = lines_with(printed, "| gain of a floor |")
+    assert gain.split("|")[3].strip() == "1"
+    assert printed.rstrip().endswith("Another claim, or green and off:")
+
+
 def test_unusual_loads_accuse_nothing_and_hide_nothing():
     printed = run("unusual_loads", "--quick")
     (counts,) = lines_with(printed, "| all |")

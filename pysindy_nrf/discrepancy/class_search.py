@@ -194,7 +194,9 @@ class ClassSearch:
                 why = why or "the final estimate without it leaves nothing but noise"
                 continue
             if not judged.holds:
-                result = result.with_refused(proposal, judged)
+                # beside nothing but noise a proposal that fails says nothing
+                if not self.tools.estimates.leaves_noise_alone(state):
+                    result = result.with_refused(proposal, judged)
                 why = why or _in_words(judged)
                 continue
             doubt = self._doubt(proposal, result)

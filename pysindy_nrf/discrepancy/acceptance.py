@@ -122,7 +122,7 @@ def _is_simpler(proposal: Proposal, best: Proposal) -> bool:
 
 
 def leaves_nothing_of(force: Proposal, other: Proposal, state: SearchState) -> bool:
-    """Whether a force is not there beside another proposal, if that is an effect."""
+    """Whether a force is not there with another proposal, if that is an effect."""
     beside = other.finding.after
     if beside is None or other.value <= 0 or force.finding.is_fault:
         return False

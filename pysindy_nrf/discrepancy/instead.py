@@ -18,7 +18,7 @@ from .effects import Finding
 def fault_instead(
     force: Finding, fault: Finding, known_masses: Collection[int] = ()
 ) -> Alternative:
-    """A fault, beside which a force is not there, as an alternative to it.
+    """A fault, with which a force is not there, as an alternative to it.
 
     Parameters
     ----------

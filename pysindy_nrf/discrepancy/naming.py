@@ -73,7 +73,7 @@ class Naming:
         Whether several sites share the shape parameters of the name. Where they differ
         a wrong law with more of them is better than the right one.
     instead : sequence of Alternative
-        Faults of sensors beside which the effect is not there.
+        Faults of sensors with which the effect is not there.
     """
 
     effect_class: str

@@ -153,7 +153,10 @@ class RestoringForce:
         return pd.Series({"c": c, "k": k}, name=str(self.site))
 
     def equation(self, digits: int = 4) -> str:
-        """The equation in the manner of the paper's eq. (11a)."""
+        """The equation in the manner of the paper's eq. (11a).
+
+        That of a sensor gives its reading of the true channel y.
+        """
         index: int | str = self.site.p
         if self.site.kind == "dof":
             index = f"_dof{self.site.p}"
@@ -162,7 +165,11 @@ class RestoringForce:
 
         of = self.unit_system.of
         pieces = [law.equation(index, digits, of) for law in self.laws] or ["0"]
-        return f"R{index} = " + " + ".join(pieces).replace("+ -", "- ")
+        left = f"R{index}"
+        if self.site.kind == "sensor":
+            left = str(self.site)
+            pieces.insert(0, "y")
+        return f"{left} = " + " + ".join(pieces).replace("+ -", "- ")
 
     def __str__(self) -> str:
         return self.equation()

@@ -222,4 +222,6 @@ def index_of(site: Site | str) -> str:
         return str(place.p)
     if place.kind == "link":
         return f"{place.p},{place.q}"
+    if place.kind == "sensor":
+        return place.channel or f"sensors {place.p}"
     return f"dof {place.p}"

@@ -182,6 +182,13 @@ def test_equations_read_like_the_papers():
     ]
 
 
+def test_the_equation_of_a_sensor_is_its_reading_and_no_force():
+    gain = [laws.GainError(-0.1)]
+    model = ChainModel([1.0, 2.0], {"sensor a2": gain, "sensors 1": gain})
+    lines = str(model).splitlines()
+    assert {"sensor a2 = y - 0.1 y", "sensors 1 = y - 0.1 y"} <= set(lines)
+
+
 def test_the_equation_of_a_brace_has_both_ends():
     brace = ChainModel([1.0] * 4, {"link 4-2": laws.LinearElastic(k=-3.0)})
     assert brace.equations() == ["R_42 = -3 s_42"]

@@ -194,9 +194,7 @@ class ClassSearch:
                 why = why or "the final estimate without it leaves nothing but noise"
                 continue
             if not judged.holds:
-                # beside nothing but noise a proposal that fails says nothing
-                if not self.tools.estimates.leaves_noise_alone(state):
-                    result = result.with_refused(proposal, judged)
+                result = self._with_refused(best, result)
                 why = why or _in_words(judged)
                 continue
             doubt = self._doubt(proposal, result)
@@ -245,6 +243,17 @@ class ClassSearch:
             if is_rival:
                 as_good.append(other)
         return as_good
+
+    def _with_refused(self, failed: JudgedProposal, result: ClassResult) -> ClassResult:
+        """The result with a proposal that does not hold at another condition.
+
+        Without a force where the final estimate leaves nothing but noise. A mass takes
+        up what a fault changes, but not what a force does.
+        """
+        is_fault = failed.proposal.finding.is_fault
+        if not is_fault and self.tools.estimates.leaves_noise_alone(result.state):
+            return result
+        return result.with_refused(failed.proposal, failed.judged)
 
     def _only_bends_noise(self, finding: Finding, state: SearchState) -> bool:
         """Whether a finding comes to a law of a site that leaves nothing to it."""

@@ -346,11 +346,17 @@ def _faults(findings: Sequence[Finding], state: SearchState) -> list[Proposal]:
 def _with_faults_instead(
     proposal: Proposal, proposals: Sequence[Proposal], state: SearchState
 ) -> Proposal:
-    """A proposal with the faults of sensors beside which it is not there."""
+    """A proposal with the faults of sensors beside which it is not there.
+
+    Those that explain the data as well as another fault are its rivals.
+    """
     known = state.model.spectra.data.known_masses
     instead = []
     for other in proposals:
-        if other.finding.is_fault and leaves_nothing_of(proposal, other, state):
+        if not other.finding.is_fault:
+            continue
+        is_rival = proposal.finding.is_fault and other.finding in proposal.naming.rivals
+        if is_rival or leaves_nothing_of(proposal, other, state):
             instead.append(fault_instead(proposal.finding, other.finding, known))
     return replace(proposal, naming=replace(proposal.naming, instead=instead))
 

@@ -10,11 +10,11 @@ MASSES = [10.0, 8.0]
 STOREY = [laws.LinearElastic(6e4), laws.LinearViscous(40.0)]
 
 
-def record_with(more):
+def record_with(more, excited=2):
     """Two floors forced at the top, with something that nobody declared."""
     truth = ChainModel(MASSES, {1: STOREY, 2: STOREY, **more})
     F = excitation.band_limited_random(
-        2, 20.0, 200.0, excited=2, rms=60.0, band=(1, 30), random_state=4
+        2, 20.0, 200.0, excited=excited, rms=60.0, band=(1, 30), random_state=4
     )
     record = simulate(truth, F, 1 / 200, hold="cubic").replace(velocity=None)
     return add_noise(record, 0.01, random_state=4)
@@ -45,6 +45,18 @@ def test_of_a_gain_and_a_tie_that_are_one_both_are_named(more):
         if name in ("m1", "m2"):
             true = MASSES[int(name[1:]) - 1]
             assert not np.isfinite([low, high]).all() or low <= true <= high
+
+
+def test_of_the_gains_of_two_floors_either_is_within_the_intervals():
+    """A gain of one floor is the inverse gain of the other, and another scale."""
+    gain = {"sensors 1": [laws.GainError(0.15)]}
+    report = close_loop(record_with(gain, excited=[1, 2]))
+    step = report.steps[0]
+    places = {step.site, *[each.place for each in report.alternatives]}
+    assert {"sensors 1", "sensors 2"} <= places
+    for j, true in enumerate(MASSES, start=1):
+        low, high = report.bounds[f"m{j}"]
+        assert low <= true <= high
 
 
 def test_a_tie_that_no_gain_imitates_has_no_such_alternative():

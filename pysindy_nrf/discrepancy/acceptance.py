@@ -117,12 +117,13 @@ def _is_simpler(proposal: Proposal, best: Proposal) -> bool:
     its own a floor imitates most ties.
     """
     finding = proposal.finding
-    is_guess = finding.is_fault and not finding.witnessed
-    return finding.n_parameters < best.finding.n_parameters and not is_guess
+    has_no_witness = finding.is_fault and not finding.witnessed
+    has_fewer = finding.n_parameters < best.finding.n_parameters
+    return has_fewer and not has_no_witness
 
 
 def leaves_nothing_of(force: Proposal, other: Proposal, state: SearchState) -> bool:
-    """Whether a force is not there with another proposal, if that is an effect."""
+    """Whether nothing remains of a force once another proposal is in the model."""
     beside = other.finding.after
     if beside is None or other.value <= 0 or force.finding.is_fault:
         return False

@@ -135,6 +135,9 @@ def _with_faults_instead(
 
     Its intervals hold what they do, too.
     """
+    if not instead:
+        return report
+
     among = OpenAlternatives.among(instead, {})
     values = parameters_of(report.model).to_dict()
     wider = ambiguous_intervals(values, report.bounds, among.moves)

@@ -190,7 +190,7 @@ class ClassSearch:
             best = next_proposal(there, state)
             there.remove(best)
             proposal, judged = best.proposal, best.judged
-            if self._only_bends_noise(proposal.finding, state):
+            if self._has_only_noise_to_explain(proposal.finding, state):
                 why = why or "the final estimate without it leaves nothing but noise"
                 continue
             if not judged.holds:
@@ -255,8 +255,8 @@ class ClassSearch:
             return result
         return result.with_refused(failed.proposal, failed.judged)
 
-    def _only_bends_noise(self, finding: Finding, state: SearchState) -> bool:
-        """Whether a finding comes to a law of a site that leaves nothing to it."""
+    def _has_only_noise_to_explain(self, finding: Finding, state: SearchState) -> bool:
+        """Whether a law is at its site already, and nothing but noise is left."""
         new = finding.new_effects(state.effects)
         if finding.is_fault or not stands_beside_another(new, state):
             return False

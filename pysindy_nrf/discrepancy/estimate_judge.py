@@ -114,7 +114,7 @@ class EstimateJudge:
         if estimate is None:
             return False
         remaining = estimate.beside_noise.remaining(estimate.unexplained)
-        if max(remaining.values()) < EXPLAINED:
+        if np.max([*remaining.values()], initial=0.0) < EXPLAINED:
             return True
         return self._error_of_estimate(state) < EXPLAINED
 

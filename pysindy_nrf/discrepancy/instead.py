@@ -34,10 +34,15 @@ def fault_instead(
     # of the force nothing remains
     change = there.reindex(here.index, fill_value=0.0) - here
 
+    # known masses and declared stiffnesses leave the coefficients of the force
     is_mass = ~here.index.str.contains(":")
     is_stiffness = here.index.str.match(r"storey \d+: s$")
-    shares = (change / here.abs())[is_mass | is_stiffness]
+    watched = here.index[is_mass | is_stiffness]
+    if watched.empty:
+        watched = here.index
+    shares = (change / here.abs())[watched].fillna(0.0)
     most = str(shares.abs().idxmax())
+
     law, site = fault.laws[0], fault.candidate.sites[0]
     words = effect_words(law.name, site, law.parameters, {}, law.units)
     return Alternative(

@@ -18,7 +18,7 @@ from ..exceptions import NRFError
 from . import judge
 from .bootstrap import simulated
 from .candidate_search import SEARCH, best_findings, refined_finding, scan
-from .effects import Finding, SearchState
+from .effects import Candidate, Finding, SearchState
 from .error_reduction import ErrorReduction
 from .judge import JUDGE
 from .places import Place, class_at
@@ -251,7 +251,25 @@ def _simplest_name(
 def at_all_storeys(
     best: Proposal, places: Sequence[Place], state: SearchState, room: int
 ) -> list[Proposal]:
-    """Laws at all storeys at once: the name of the best place, and those of the ground.
+    """Laws at all storeys at once that are needed at each of them.
+
+    The name of the best place is tried, and laws of the ground.
+    """
+    candidates = _candidates_at_all_storeys(best, places, state, room)
+    proposals = []
+    for finding in best_findings(state, candidates, NAMING.together):
+        if finding.reduction is not None and _is_needed_everywhere(finding, state):
+            law, site = finding.candidate.law, finding.candidate.sites[0]
+            effect_class = class_at(law, site, state.model.base)
+            naming = Naming(effect_class, law.name, one_shape=bool(law.shapes))
+            proposals.append(Proposal(finding, finding.reduction, naming))
+    return proposals
+
+
+def _candidates_at_all_storeys(
+    best: Proposal, places: Sequence[Place], state: SearchState, room: int
+) -> list[Candidate]:
+    """The name of the best place, its rivals, and laws of the ground, everywhere.
 
     Dashpots to the ground are damping in proportion to mass, which every floor has:
     that of one floor alone gains little. They are tried at the floors that have none.
@@ -259,6 +277,7 @@ def at_all_storeys(
     laws = [best.finding.candidate.law]
     laws += [rival.candidate.law for rival in best.naming.rivals]
     laws = laws[: NAMING.together]
+
     candidates = []
     for place in places:
         taken = {effect.site for effect in effects_at(place, state)}
@@ -270,15 +289,7 @@ def at_all_storeys(
             law = candidate.law
             if law.acts_at == ("ground",) or (is_of_best and law in laws):
                 candidates.append(replace(candidate, sites=free))
-
-    proposals = []
-    for finding in best_findings(state, candidates, NAMING.together):
-        if finding.reduction is not None and _is_needed_everywhere(finding, state):
-            law, site = finding.candidate.law, finding.candidate.sites[0]
-            effect_class = class_at(law, site, state.model.base)
-            naming = Naming(effect_class, law.name, one_shape=bool(law.shapes))
-            proposals.append(Proposal(finding, finding.reduction, naming))
-    return proposals
+    return candidates
 
 
 def _is_needed_everywhere(finding: Finding, state: SearchState) -> bool:

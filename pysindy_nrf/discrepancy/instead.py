@@ -11,6 +11,7 @@ from collections.abc import Collection
 
 from ..diagnosis.effects import effect_words
 from ..diagnosis.facts import Alternative, Move
+from ..identification.alternatives import masses_and_stiffnesses
 from ..identification.intervals import parameters_of
 from .effects import Finding
 
@@ -34,12 +35,7 @@ def fault_instead(
     # of the force nothing remains
     change = there.reindex(here.index, fill_value=0.0) - here
 
-    # known masses and declared stiffnesses leave the coefficients of the force
-    is_mass = ~here.index.str.contains(":")
-    is_stiffness = here.index.str.match(r"storey \d+: s$")
-    watched = here.index[is_mass | is_stiffness]
-    if watched.empty:
-        watched = here.index
+    watched = masses_and_stiffnesses(here.index)
     shares = (change / here.abs())[watched].fillna(0.0)
     most = str(shares.abs().idxmax())
 

@@ -213,9 +213,7 @@ class _Comparison:
     @cached_property
     def masses_and_stiffnesses(self) -> pd.Index:
         """Names of the masses and stiffnesses that are identified."""
-        is_mass = ~self.names.str.contains(":")
-        is_stiffness = self.names.str.match(r"storey \d+: s$")
-        return self.names[is_mass | is_stiffness]
+        return masses_and_stiffnesses(self.names)
 
     def measure(self, numbers: Statistic, watched: pd.Index) -> _Measure:
         """Some numbers, with their half-widths in the model itself."""
@@ -252,7 +250,9 @@ class _Comparison:
         relative_change = (numbers.there - numbers.here)[watched] / size
         relative_width = numbers.half_width[watched] / size
         wider = numbers.wider_half_width[watched] / size
-        parameter = str(np.maximum(relative_change.abs(), wider).idxmax())
+        # NaN where the alternative has no interval of a number
+        moved = np.maximum(relative_change.abs(), wider).fillna(0.0)
+        parameter = str(moved.idxmax())
         after, before = solved.squares.sum(axis=0), self.squares.sum(axis=0)
         unsolved = before > 0
         ratios = after[unsolved] / before[unsolved]
@@ -269,6 +269,14 @@ class _Comparison:
             solved.model,
             self.model,
         )
+
+
+def masses_and_stiffnesses(names: pd.Index) -> pd.Index:
+    """Names of masses and stiffnesses of storeys; all names where there are none."""
+    is_mass = ~names.str.contains(":")
+    is_stiffness = names.str.match(r"storey \d+: s$")
+    chosen = names[is_mass | is_stiffness]
+    return names if chosen.empty else chosen
 
 
 @dataclass(frozen=True)

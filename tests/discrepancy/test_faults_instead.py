@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pysindy_nrf import ChainModel, close_loop, excitation, laws, simulate
+from pysindy_nrf import ChainModel, NRFRegressor, close_loop, excitation, laws, simulate
 from pysindy_nrf.simulation import add_noise
 
 MASSES = [10.0, 8.0]
@@ -57,6 +57,15 @@ def test_of_the_gains_of_two_floors_either_is_within_the_intervals():
     for j, true in enumerate(MASSES, start=1):
         low, high = report.bounds[f"m{j}"]
         assert low <= true <= high
+
+
+def test_known_masses_on_storeys_without_a_spring_are_searched():
+    """No mass and no stiffness is left that an alternative could move."""
+    dampers = [laws.LinearViscous(), laws.CubicStiffness()]
+    masses = dict(enumerate(MASSES, start=1))
+    baseline = NRFRegressor(known_masses=masses, laws={1: dampers, 2: dampers})
+    report = close_loop(record_with({}), baseline)
+    assert report.verdict.state != "green" or report.steps
 
 
 def test_a_tie_that_no_gain_imitates_has_no_such_alternative():

@@ -5,14 +5,13 @@ An effect that such errors would explain as well is not claimed.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
 
-from ..chain.sites import Site
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from ..laws.sensor import SensorFault
@@ -24,11 +23,12 @@ from .channel_readings import (
     with_errors,
 )
 from .effects import Effect
-from .error_fit import ERROR_FIT, ErrorFit, RowChange
+from .error_fit import ERROR_FIT, ErrorFit, thinned_columns
 from .error_reduction import ErrorReduction
 from .fitted_model import FittedModel
 from .judge import JUDGE
 from .prepare import PreparedRecords
+from .row_changes import RowChange, TouchedRows, changes_of_rows, touched_rows
 from .search_data import SearchData
 from .spectra import BalanceSpectra
 
@@ -58,9 +58,6 @@ class ChannelErrorSettings:
     more: float = 0.05
     # Share of its own reduction that an effect must keep where they do.
     kept_share: float = 0.5
-    # Columns of the spectra by which errors are estimated: some for each of a hundred
-    # errors in each of 24 bands.
-    n_columns: int = 8_000
 
 
 CHANNEL_ERRORS = ChannelErrorSettings()
@@ -85,13 +82,8 @@ class FreedModel:
     sizes: np.ndarray
 
 
-@dataclass(frozen=True)
-class _Touched:
-    """Rows of the spectra that an error changes: those of a law, or a fixed one."""
-
-    error: CalibrationError
-    site: Site | None = None
-    law: ForceLaw | None = None
+# What errors change in rows of the spectra.
+_Changes = dict[tuple[CalibrationError, TouchedRows], np.ndarray]
 
 
 class ChannelErrors:
@@ -122,16 +114,15 @@ class ChannelErrors:
     ) -> None:
         self.spectra = spectra
         self.data: SearchData = spectra.data
-        size = spectra.windows.size
-        self.thin = np.arange(0, size, -(-size // CHANNEL_ERRORS.n_columns))
+        self.thin = thinned_columns(spectra)
         self.readings = {
             i: ChannelReadings(self.data, records, i) for i in self.data.searched
         }
         possible = self._possible(tolerances, known)
         self.errors = [error for error in possible if error.channel not in left_out]
         # what errors change in rows: of the last model, and of the one before
-        self._changes: dict[_Touched, np.ndarray] = {}
-        self._earlier_changes: dict[_Touched, np.ndarray] = {}
+        self._changes: _Changes = {}
+        self._earlier_changes: _Changes = {}
 
     def _possible(
         self, tolerances: Mapping[str, float], known: Sequence[Effect]
@@ -188,82 +179,47 @@ class ChannelErrors:
 
     def _row_changes(self, model: FittedModel) -> list[RowChange]:
         """What each error of one standard deviation changes in the rows of a model."""
-        new: dict[_Touched, np.ndarray] = {}
+        new: _Changes = {}
         changes = []
         for number, error in enumerate(self.errors):
-            touched = list(self._touched(model, error))
-            new |= self._known_changes(touched)
-            missing = [(rows, first) for rows, first in touched if rows not in new]
+            touched = list(touched_rows(model, error.dof, error.kind == "F"))
+            new |= self._known_changes(error, touched)
+            missing = [pair for pair in touched if (error, pair[0]) not in new]
             if missing:
                 new |= self._made_changes(model, error, missing)
             for rows, first in touched:
-                for k, change in enumerate(new[rows]):
+                for k, change in enumerate(new[error, rows]):
                     changes.append(RowChange(change, first + k, number))
 
         self._earlier_changes = self._changes
         self._changes = new
         return changes
 
-    def _touched(
-        self, model: FittedModel, error: CalibrationError
-    ) -> Iterator[tuple[_Touched, int]]:
-        """Rows of a model that an error changes, with the first of each kind."""
-        yield _Touched(error), model.first_fixed + self._fixed_row(error)
-        if error.kind == "F":
-            return
-        for site in model.layout.sites:
-            if not site.incidence(error.dof):
-                continue
-            row = model.layout.slices[site].start
-            for law in model.laws.get(site, ()):
-                yield _Touched(error, site, law), row
-                row += len(law.terms())
-
-    def _fixed_row(self, error: CalibrationError) -> int:
-        """The fixed row of the balance of a DOF: its force, or its acceleration."""
-        below = self.data.n_dof if error.kind == "F" else 0
-        return below + error.dof - 1
-
     def _known_changes(
-        self, touched: Sequence[tuple[_Touched, int]]
-    ) -> dict[_Touched, np.ndarray]:
+        self, error: CalibrationError, touched: Sequence[tuple[TouchedRows, int]]
+    ) -> _Changes:
         """Changes that were made for one of the last two models."""
         known = {}
         for rows, _ in touched:
             for cache in (self._changes, self._earlier_changes):
-                if rows in cache:
-                    known[rows] = cache[rows]
+                if (error, rows) in cache:
+                    known[error, rows] = cache[error, rows]
         return known
 
     def _made_changes(
         self,
         model: FittedModel,
         error: CalibrationError,
-        missing: Sequence[tuple[_Touched, int]],
-    ) -> dict[_Touched, np.ndarray]:
+        missing: Sequence[tuple[TouchedRows, int]],
+    ) -> _Changes:
         """Changes by differences, a standard deviation of the error scaled up."""
         share = ERROR_FIT.difference
         step = [(error, share * error.deviation)]
         moved = self.data.with_data(with_errors(self.data, self.readings, step))
-        fixed_row = self._fixed_row(error)
-
-        def touched_rows(records: tuple[int, ...]) -> np.ndarray:
-            each = []
-            for touched, _ in missing:
-                if touched.law is None or touched.site is None:
-                    each.append(moved.fixed(records)[fixed_row][None])
-                else:
-                    each.append(moved.columns(touched.site, [touched.law], records))
-            return np.vstack(each)
-
-        after = self.spectra.windows.spectra(touched_rows)
-        changes, position = {}, 0
-        for touched, first in missing:
-            width = 1 if touched.law is None else len(touched.law.terms())
-            new = after[position : position + width]
-            before = model.spectra_of_rows[first : first + width]
-            changes[touched] = (new - before)[:, self.thin] / share
-            position += width
+        made = changes_of_rows(model, moved, missing)
+        changes: _Changes = {}
+        for rows, change in made.items():
+            changes[error, rows] = change[:, self.thin] / share
         return changes
 
 

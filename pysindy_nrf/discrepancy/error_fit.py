@@ -10,6 +10,8 @@ from scipy.sparse import csr_array
 
 from .error_reduction import REDUCTION, mean_reduction, residual_share
 from .fitted_model import FittedModel
+from .row_changes import RowChange
+from .spectra import BalanceSpectra
 
 
 @dataclass(frozen=True)
@@ -25,18 +27,12 @@ class ErrorFitSettings:
     difference: float = 0.1
     # Factor by which the prior of the errors grows until they are credible together.
     prior_growth: float = 1.2
+    # Columns of the spectra by which errors are estimated: some for each of a hundred
+    # errors in each of 24 bands.
+    n_columns: int = 8_000
 
 
 ERROR_FIT = ErrorFitSettings()
-
-
-@dataclass(frozen=True, eq=False)
-class RowChange:
-    """What an error of one standard deviation changes in one row of the spectra."""
-
-    change: np.ndarray
-    row: int
-    error: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +44,12 @@ class _Combination:
 
     mix: np.ndarray
     lines: np.ndarray
+
+
+def thinned_columns(spectra: BalanceSpectra) -> np.ndarray:
+    """Columns of spectra by which errors are estimated."""
+    size = spectra.windows.size
+    return np.arange(0, size, -(-size // ERROR_FIT.n_columns))
 
 
 class ErrorFit:
@@ -68,7 +70,7 @@ class ErrorFit:
         model: FittedModel,
         thin: np.ndarray,
         changes: Sequence[RowChange],
-        limit: float,
+        limit: float = np.inf,
     ) -> None:
         self.solver = model.solver
         self.limit = limit
@@ -123,6 +125,22 @@ class ErrorFit:
             if settled:
                 break
         return best
+
+    def each_alone(self, n_errors: int) -> tuple[np.ndarray, np.ndarray]:
+        """The size of each error that explains most by itself, to first order.
+
+        Returns
+        -------
+        sizes : ndarray of shape (n_errors,)
+            Standard deviations.
+        shares : ndarray of shape (n_errors,)
+            Share of the weighted residual that it explains.
+        """
+        normal = self._linearised(n_errors, self.spectra, self.weights)
+        powers = normal.diagonal()[:-1]
+        known = powers > 0
+        slopes = np.where(known, normal[:-1, -1] / np.where(known, powers, 1.0), 0.0)
+        return -slopes, slopes**2 * powers / normal[-1, -1]
 
     def _spectra_at(self, errors: np.ndarray) -> np.ndarray:
         """Rows with errors of some sizes."""
@@ -183,7 +201,17 @@ class ErrorFit:
         self, errors: np.ndarray, spectra: np.ndarray, weights: np.ndarray
     ) -> np.ndarray:
         """The step to the likeliest errors, to first order."""
-        products = self._products_with_each(len(errors), spectra, weights)
+        normal = self._linearised(len(errors), spectra, weights)
+        return self._credible(normal, errors) - errors
+
+    def _linearised(
+        self, n_errors: int, spectra: np.ndarray, weights: np.ndarray
+    ) -> np.ndarray:
+        """Normal equations of all errors; masses and coefficients follow them.
+
+        Shape (n_errors + 1, n_errors + 1), the last row that of the residual.
+        """
+        products = self._products_with_each(n_errors, spectra, weights)
         fits = self.solver.rows(*self.solver.solve(products))
         finite = np.isfinite(fits[0]).all(axis=(1, 2))
         # an error with which there is no fit changes nothing
@@ -191,8 +219,7 @@ class ErrorFit:
         residuals, references = (
             np.nan_to_num(np.where(usable, rows, rows[:1])) for rows in fits
         )
-        normal = self._normal_equations(residuals, references, spectra, weights)
-        return self._credible(normal, errors) - errors
+        return self._normal_equations(residuals, references, spectra, weights)
 
     def _products_with_each(
         self, n_errors: int, spectra: np.ndarray, weights: np.ndarray

@@ -52,6 +52,30 @@ class SensorFault(ForceLaw):
         """The true channel from the reading; the inverse of :meth:`reading`."""
         raise NotImplementedError
 
+    def added_to(self, channel: npt.ArrayLike, dt: float) -> np.ndarray:
+        """What the fault adds to a channel, to first order in its size.
+
+        Parameters
+        ----------
+        channel : array-like of shape (n_samples,)
+        dt : float
+            Sampling step, s.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from pysindy_nrf import laws
+        >>> laws.GainError(0.02).added_to([1.0, 2.0, 3.0], dt=0.01)
+        array([0.02, 0.04, 0.06])
+        """
+        channel = np.asarray(channel, dtype=float)
+        rate = np.gradient(channel, dt)
+        return self.force(Motion(channel, rate, np.gradient(rate, dt)))
+
     @property
     def order(self) -> int | None:
         """Order of the derivative that the fault adds to its channel.

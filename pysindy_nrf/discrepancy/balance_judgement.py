@@ -17,7 +17,7 @@ from .class_search import ClassSearch
 from .contradictions import Contradiction
 from .decision import Decision, FoundEffect
 from .effects import Effect, instants_of
-from .final_estimate import final_estimate
+from .final_estimate import FinalEstimates
 from .fitted_model import FittedModel
 from .heldout import HeldoutJudge, JudgedModel, search_errors
 from .judgement import Judgement
@@ -39,6 +39,8 @@ class BalanceOutcome:
     result : ClassResult
         On all samples.
     search : ClassSearch
+    estimates : FinalEstimates
+        Those that the search asked for.
     excerpts : BalanceSpectra or None
         Spectra on which long records were searched; None if all samples were.
     """
@@ -47,6 +49,7 @@ class BalanceOutcome:
     records: PreparedRecords
     result: ClassResult
     search: ClassSearch
+    estimates: FinalEstimates
     excerpts: BalanceSpectra | None = None
 
     @property
@@ -241,7 +244,7 @@ class BalanceJudge:
         records: Sequence[Record] = self.request.records
         if any(effect.is_fault for effect in outcome.result.effects):
             records = outcome.records.searched
-        return final_estimate(self.request, records, model.chain_model().laws, band)
+        return outcome.estimates.of(model.laws, records, band)
 
     def _why_stopped(self) -> list[str]:
         """Why the search added no further effect."""

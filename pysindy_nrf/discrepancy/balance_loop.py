@@ -11,7 +11,6 @@ from ..chain.sites import Site
 from ..common.warn import warn_user
 from ..exceptions import ChannelError, ExcitationError, RankWarning
 from ..identification.problem import Problem
-from ..identification.result import IdentificationResult
 from ..laws.base import ForceLaw
 from ..records.dataset import Dataset, Segment
 from ..records.zero_phase_filter import filters_of
@@ -27,7 +26,7 @@ from .effect_judge import EffectJudge
 from .effects import SearchState
 from .estimate_judge import EstimateJudge, leaves_open
 from .excerpts import excerpts
-from .final_estimate import final_estimate
+from .final_estimate import FinalEstimates
 from .fitted_model import fit_model
 from .folds import window_length
 from .places import places_of
@@ -193,13 +192,14 @@ class BalanceLoop(
         constants = [c for c in alone if c.law.variable == "1"]
         others = [c for c in alone if c.law.variable != "1"]
         places = places_of(with_all_storeys(others, chain.sites), chain, chain.sites)
+        estimates = FinalEstimates(request)
         with self.progress(len(places)) as tick:
             tools = SearchTools(
                 # few frequencies do not separate a fault from a stiffness or a mass
                 FaultSearch(request.faults, only_witnessed=request.searches_heldout),
                 ChannelErrorTest(request.calibration),
                 EffectJudge(bool(request.heldout)),
-                EstimateJudge(self.estimate, request.searches_heldout),
+                EstimateJudge(estimates, request.searches_heldout),
                 request.rng,
                 tick,
             )
@@ -208,16 +208,7 @@ class BalanceLoop(
 
         measured = start.folds.records
         return BalanceOutcome(
-            measured, result.state.records or measured, result, search
-        )
-
-    def estimate(self, state: SearchState) -> IdentificationResult | None:
-        """The final estimate of a state; None if it cannot be made."""
-        assert state.records is not None
-        model = state.model
-        records, band = state.records.searched, model.spectra.band
-        return final_estimate(
-            self.request, records, model.laws, band, keeps_shapes=True
+            measured, result.state.records or measured, result, search, estimates
         )
 
     # -- judge, report ---------------------------------------------------------

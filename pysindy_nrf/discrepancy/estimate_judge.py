@@ -12,7 +12,7 @@ judge it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +27,7 @@ from .contradictions import mean_rate
 from .effect_judge import EffectJudge
 from .effects import Effect, Finding, SearchState
 from .error_reduction import REDUCTION
+from .final_estimate import FinalEstimates
 from .fitted_model import FittedModel
 from .free_run import free_run_error
 
@@ -59,7 +60,6 @@ class EstimateJudgeSettings:
 
 
 ESTIMATE_JUDGE = EstimateJudgeSettings()
-FinalEstimate = Callable[[SearchState], IdentificationResult | None]
 
 
 class EstimateJudge:
@@ -67,21 +67,18 @@ class EstimateJudge:
 
     Parameters
     ----------
-    final_estimate : callable
-        The final estimate of a state; None if it cannot be made.
+    estimates : FinalEstimates
     must_improve : bool
         Whether every effect must improve the free run: no record is left to judge it.
     """
 
-    def __init__(self, final_estimate: FinalEstimate, must_improve: bool) -> None:
-        self.final_estimate = final_estimate
+    def __init__(self, estimates: FinalEstimates, must_improve: bool) -> None:
+        self.estimates = estimates
         self.must_improve = must_improve
-        self._estimates: dict[FittedModel, IdentificationResult | None] = {}
         self._free_run_errors: dict[FittedModel, float] = {}
 
     def begin_round(self) -> None:
         """Forget the models of an earlier round."""
-        self._estimates.clear()
         self._free_run_errors.clear()
 
     def is_undetermined(self, finding: Finding, state: SearchState) -> bool:
@@ -161,11 +158,11 @@ class EstimateJudge:
         return self._free_run_errors[model]
 
     def _estimate(self, state: SearchState) -> IdentificationResult | None:
-        """The final estimate of a state, made once in a round."""
+        """The final estimate of a state, shapes as they are."""
+        assert state.records is not None
         model = state.model
-        if model not in self._estimates:
-            self._estimates[model] = self.final_estimate(state)
-        return self._estimates[model]
+        records, band = state.records.searched, model.spectra.band
+        return self.estimates.of(model.laws, records, band, keeps_shapes=True)
 
 
 def leaves_open(model: FittedModel, effect_judge: EffectJudge) -> bool:

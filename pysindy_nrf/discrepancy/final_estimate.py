@@ -42,56 +42,95 @@ CYCLES = 2
 SAMPLES = 500
 
 
-def final_estimate(
-    request: LoopRequest,
-    records: Sequence[Record],
-    laws: Mapping[Site, Sequence[ForceLaw]],
-    band: Band,
-    keeps_shapes: bool = False,
-) -> IdentificationResult | None:
-    """The estimate of some laws from all samples; None if they cannot be fitted so.
+class FinalEstimates:
+    """Final estimates of the laws of a search, each made once.
 
     Parameters
     ----------
     request : LoopRequest
-    records : sequence of Record
-        Those that were searched, freed of the faults that were found.
-    laws : mapping of Site to sequence of ForceLaw
-    band : (float, float)
-        Hz, of the search.
-    keeps_shapes : bool
-        Whether shape parameters stay as the search found them.
     """
-    problem = _problem_of(request, records, laws, band)
-    method = _method_of(request.baseline.estimation)
-    data = _data_of(method, problem, records)
-    if data is None:
-        return None
 
-    freed = _with_free_shapes(problem.laws, request.problem.laws)
-    with_shapes = replace(problem, laws=freed, start=problem.laws)
-    if keeps_shapes or not with_shapes.has_free_shapes:
-        return _estimate(method, problem, data)
+    def __init__(self, request: LoopRequest) -> None:
+        self.request = request
+        self.method = _method_of(request.baseline.estimation)
+        self._made: dict[tuple[object, ...], IdentificationResult | None] = {}
+        self._data: dict[tuple[object, ...], Dataset | None] = {}
+        # objects that are alive have numbers of their own
+        self._records: list[Record] = []
 
-    # intervals of coefficients would hold for the shapes of the search only
-    estimate = _estimate(method, with_shapes, data)
-    if estimate is not None and not estimate.intervals_withheld:
-        return estimate
+    def of(
+        self,
+        laws: Mapping[Site, Sequence[ForceLaw]],
+        records: Sequence[Record],
+        band: Band,
+        keeps_shapes: bool = False,
+    ) -> IdentificationResult | None:
+        """The estimate of some laws from all samples; None if they cannot be fitted so.
 
-    fixed = _estimate(method, problem, data)
-    if fixed is None or estimate is None:
-        return fixed
-    return replace(fixed, doubts=(*fixed.doubts, estimate.intervals_withheld))
+        Parameters
+        ----------
+        laws : mapping of Site to sequence of ForceLaw
+        records : sequence of Record
+            Those that were searched, freed of the faults that were found.
+        band : (float, float)
+            Hz, of the search.
+        keeps_shapes : bool
+            Whether shape parameters stay as the search found them.
+        """
+        problem = _problem_of(self.request, records, laws, band)
+        freed = _with_free_shapes(problem.laws, self.request.problem.laws)
+        with_shapes = replace(problem, laws=freed, start=problem.laws)
+        if keeps_shapes or not with_shapes.has_free_shapes:
+            return self._estimate(problem, records)
+
+        # intervals of coefficients would hold for the shapes of the search only
+        estimate = self._estimate(with_shapes, records)
+        if estimate is not None and not estimate.intervals_withheld:
+            return estimate
+
+        fixed = self._estimate(problem, records)
+        if fixed is None or estimate is None:
+            return fixed
+        return replace(fixed, doubts=(*fixed.doubts, estimate.intervals_withheld))
+
+    def _estimate(
+        self, problem: Problem, records: Sequence[Record]
+    ) -> IdentificationResult | None:
+        """What the method makes of a problem; None if it cannot be solved."""
+        key = (
+            *_numbers_of(records),
+            problem.band,
+            *problem.laws.items(),
+            *(problem.start or {}).items(),
+        )
+        if key not in self._made:
+            self._made[key] = _estimate(
+                self.method, problem, self._data_of(problem, records)
+            )
+        return self._made[key]
+
+    def _data_of(self, problem: Problem, records: Sequence[Record]) -> Dataset | None:
+        """The records as the method needs them; None if they cannot be read so."""
+        has_memory, needs_clock = problem.layout.has_memory, problem.needs_clock
+        key = (*_numbers_of(records), has_memory, needs_clock)
+        if key not in self._data:
+            self._records += records
+            settings = InputSettings(has_memory=has_memory, needs_clock=needs_clock)
+            self._data[key] = _read(self.method, settings, records)
+        return self._data[key]
 
 
-def _data_of(
-    method: IdentificationMethod[Dataset], problem: Problem, records: Sequence[Record]
+def _numbers_of(records: Sequence[Record]) -> tuple[int, ...]:
+    """Numbers by which records are told apart."""
+    return tuple(map(id, records))
+
+
+def _read(
+    method: IdentificationMethod[Dataset],
+    settings: InputSettings,
+    records: Sequence[Record],
 ) -> Dataset | None:
-    """The records as a method needs them; None if they cannot be read so."""
-    settings = InputSettings(
-        has_memory=problem.layout.has_memory,
-        needs_clock=problem.needs_clock,
-    )
+    """Records as a method needs them; None if they cannot be read so."""
     with_base = [_with_base(record) for record in records]
     try:
         # the search has warned of the channels
@@ -124,9 +163,11 @@ def _method_of(estimation: str) -> IdentificationMethod[Dataset]:
 
 
 def _estimate(
-    method: IdentificationMethod[Dataset], problem: Problem, data: Dataset
+    method: IdentificationMethod[Dataset], problem: Problem, data: Dataset | None
 ) -> IdentificationResult | None:
-    """What a method makes of a problem; None if it cannot be solved."""
+    """What a method makes of a problem; None without data or a solution."""
+    if data is None:
+        return None
     try:
         with warnings.catch_warnings(action="ignore", category=NRFWarning):
             return method.identify(problem, data)

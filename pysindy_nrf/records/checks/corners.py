@@ -59,6 +59,8 @@ def without_corners(record: Record, notes: Iterable[QualityNote]) -> Record:
         before = before_filter(acceleration[:, j], note.size, record.dt)
         acceleration = np.array(acceleration, dtype=float)
         acceleration[:, j] = before
+    if acceleration is record.acceleration:
+        return record
     return record.replace(acceleration=acceleration)
 
 

@@ -76,9 +76,7 @@ def _least_reduction(proposal: Proposal, state: SearchState) -> float:
     if proposal.naming.effect_class in ("inertial", "outside force"):
         return ACCEPTANCE.least_of_narrow
 
-    finding = proposal.finding
-    enriches = finding.only_enriches(state.effects)
-    if state.effects and not (finding.is_fault or enriches):
+    if state.effects and not proposal.finding.is_fault:
         return ACCEPTANCE.least_of_later
     return JUDGE.least_reduction
 

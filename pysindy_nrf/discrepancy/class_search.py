@@ -46,7 +46,7 @@ from .naming import (
     proposal_of,
 )
 from .places import Place
-from .promises import Promise, effects_at, enrichment_of, promise_of
+from .promises import Promise, effects_at, promise_of
 from .sensor_faults import FaultSearch
 
 
@@ -161,13 +161,9 @@ class ClassSearch:
         """What each place promises beside a state, if it is free."""
         for place in self.places:
             self.tools.progress()
-            if len(place.sites) > 1:
+            if len(place.sites) > 1 or effects_at(place, state):
                 continue
-            there = effects_at(place, state)
-            if there:
-                promise = enrichment_of(place, state, there)
-            else:
-                promise = promise_of(place, state)
+            promise = promise_of(place, state)
             if promise is not None:
                 yield promise
 

@@ -237,10 +237,7 @@ def stands_beside_another(new: Iterable[Effect], state: SearchState) -> bool:
     What the law of that one misses repeats with every cycle: held-out time does not
     separate it from a second effect.
     """
-    for effect in new:
-        if not effect.enriches and state.has_shape_at(effect.site):
-            return True
-    return False
+    return any(state.has_shape_at(effect.site) for effect in new)
 
 
 def _cut(

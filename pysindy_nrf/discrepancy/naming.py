@@ -106,8 +106,6 @@ def proposal_of(
     """The best of the general law of a place and its names."""
     place = promise.place
     names = best_findings(promise.base, place.names, NAMING.finalists)
-    if _enriches(promise):
-        names = [_as_enrichment(name, state) for name in names]
     general = promise.general
     carrying = _carrying(names, general, rng)
     if carrying:
@@ -160,23 +158,6 @@ def _carrying(
         return carrying
     by_noise = _lost_by_noise(names[0], general, rng)
     return [name for name in names[:1] if _carries(name, general, by_noise)]
-
-
-def _enriches(promise: Promise) -> bool:
-    """Whether a promise only adds to an effect that is there."""
-    general = promise.general
-    if general is None or general.after is None:
-        return False
-    return general.after.effects[-1].enriches
-
-
-def _as_enrichment(name: Finding, state: SearchState) -> Finding:
-    """A name whose effect only adds to one that is there."""
-    assert name.after is not None
-    new = name.new_effects(state.effects)
-    effects = [replace(e, enriches=True) if e in new else e for e in name.after.effects]
-    after = replace(name.after, effects=tuple(effects))
-    return replace(name, after=after)
 
 
 def _carries(name: Finding, general: Finding | None, allowance: float = 0.0) -> bool:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from ..exceptions import NRFError
-from ..laws.atoms import SumOfAtoms
 from .candidate_search import scan
 from .dictionary import dictionary
 from .effects import Candidate, Effect, Finding, SearchState
@@ -37,30 +35,6 @@ def effects_at(place: Place, state: SearchState) -> list[Effect]:
     return effects
 
 
-def enrichment_of(
-    place: Place, state: SearchState, effects: Sequence[Effect]
-) -> Promise | None:
-    """What atoms add to an effect that is there, which makes no new claim.
-
-    A general law is grown again; a name gets a general law at its site, once.
-    """
-    if not place.grows or len(effects) > 1:
-        return None
-    effect = effects[0]
-    if not isinstance(effect.law, SumOfAtoms):
-        general = _grown(place, state, enriches=True)
-        if general is None:
-            return None
-        return Promise(place, state, general.value, general)
-    general = _grown(place, state.without([effect]))
-    if general is None or general.after is None:
-        return None
-    reduction = general.after.model.reduction_from(state.model)
-    nameless = replace(place, names=())
-    general = replace(general, reduction=reduction)
-    return Promise(nameless, state, reduction.value, general)
-
-
 def promise_of(place: Place, state: SearchState) -> Promise | None:
     """What a place adds to a state; None if nothing can stand there."""
     if place.grows:
@@ -76,7 +50,7 @@ def promise_of(place: Place, state: SearchState) -> Promise | None:
     return Promise(place, state, best) if best > 0 else None
 
 
-def _grown(place: Place, state: SearchState, enriches: bool = False) -> Finding | None:
+def _grown(place: Place, state: SearchState) -> Finding | None:
     """The general law of a place, added to a state."""
     (site,) = place.sites
     atoms = dictionary(place.effect_class, site, state.model.spectra.data)
@@ -90,7 +64,7 @@ def _grown(place: Place, state: SearchState, enriches: bool = False) -> Finding 
     except NRFError:
         return None
     reduction = after.reduction_from(state.model)
-    effects = (*state.effects, Effect(law, site, law, enriches=enriches))
+    effects = (*state.effects, Effect(law, site, law))
     return Finding(
         Candidate(law, (site,)),
         (law,),

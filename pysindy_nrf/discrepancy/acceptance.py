@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ..exceptions import NRFError
 from . import judge
-from .effect_judge import EffectJudge, JudgedEffect
+from .effect_judge import JudgedEffect
 from .effects import SearchState
 from .judge import JUDGE
 from .naming import Proposal
@@ -48,20 +48,14 @@ class JudgedProposal:
         return 0.5 * (self.proposal.value + self.judged.heldout.value)
 
 
-def is_there(proposal: Proposal, state: SearchState, effect_judge: EffectJudge) -> bool:
-    """Whether an effect stands whichever fold is left out."""
+def is_there(proposal: Proposal, state: SearchState) -> bool:
+    """Whether an effect stands whichever fold is left out, and changes a force."""
     finding, reduction = proposal.finding, proposal.reduction
     law = finding.candidate.law
     if not judge.is_there(reduction, law, _least_reduction(proposal, state)):
         return False
     if finding.is_fault:
         return True
-
-    assert finding.after is not None
-    new = finding.new_effects(state.effects)
-    fitted = effect_judge.on_all_records(finding.after.model)
-    if not all(judge.differs_from_zero(fitted, each) for each in new):
-        return False
 
     shares = judge.shares_of_force(finding, state)
     # a dashpot matters beside other dampers, whatever the springs hold, and one line

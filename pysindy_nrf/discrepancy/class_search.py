@@ -14,7 +14,6 @@ import numpy as np
 
 from . import judge
 from .acceptance import (
-    ACCEPTANCE,
     JudgedProposal,
     is_there,
     leaves_nothing_of,
@@ -25,7 +24,6 @@ from .channel_errors import ChannelErrorTest
 from .class_result import ClassResult
 from .constants import best_constant, state_with_means
 from .effect_judge import (
-    EFFECT_JUDGE,
     EffectJudge,
     JudgedEffect,
     stands_beside_another,
@@ -41,7 +39,6 @@ from .naming import (
     Naming,
     Proposal,
     at_all_storeys,
-    gain_by_noise,
     other_names,
     proposal_of,
 )
@@ -56,10 +53,6 @@ class ClassSettings:
 
     # Places whose names are tried; a class that is refused gives way to the next.
     places: int = 4
-    # Error reduction from which on it is not asked what noise makes an effect gain, dB.
-    # What this refused came to 5.3 at most, in 22 sets of measured records and 80 cases
-    # of the battery (blind and two 9861, ordinary 9854).
-    beyond_noise: float = 6.0
 
 
 CLASSES = ClassSettings()
@@ -179,7 +172,7 @@ class ClassSearch:
         self.tools.judge.begin_round()
         self.tools.estimates.begin_round()
         for proposal in proposals:
-            if is_there(proposal, state, self.tools.judge):
+            if is_there(proposal, state):
                 judged = self.tools.judge.judged(proposal.finding, state)
                 there.append(JudgedProposal(proposal, judged))
         while there:
@@ -259,29 +252,17 @@ class ClassSearch:
         return self.tools.estimates.leaves_noise_alone(state)
 
     def _doubt(self, proposal: Proposal, result: ClassResult) -> str:
-        """What speaks against a proposal: channels, final estimate, motion, noise."""
+        """What speaks against a proposal: channels, final estimate, motion."""
         state, finding = result.state, proposal.finding
         assert finding.after is not None
         before = self.tools.judge.on_all_records(state.model)
         after = self.tools.judge.on_all_records(finding.after.model)
-        # what a record of few frequencies leaves open of the model without an effect is
-        # no evidence for the effect
-        law, least = finding.candidate.law, EFFECT_JUDGE.least
-        if not judge.is_there(after.reduction_from(before), law, least):
-            return "a fit to all records explains as much without it"
         if self._is_explained_by_errors(finding, before, after):
             return "errors of the channels within their tolerances explain it"
         if self.tools.estimates.is_undetermined(finding, state):
             return "the final estimate does not determine it"
         if self.tools.estimates.contradicts(finding, state):
             return "the free run speaks against it"
-        if finding.is_fault or not state.effects:
-            return ""
-        if proposal.value >= CLASSES.beyond_noise:
-            return ""
-        by_noise = gain_by_noise(state, finding, self.tools.rng)
-        if proposal.value - by_noise < ACCEPTANCE.least_of_later:
-            return "noise alone makes it gain as much"
         return ""
 
     def _is_explained_by_errors(

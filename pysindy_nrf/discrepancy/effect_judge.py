@@ -6,8 +6,8 @@ change in time: its pieces may be the same cycles again. Amplitude does say some
 where an effect surely brings less there than held-out time would have to show. Every
 answer is an error reduction in dB with its standard error.
 
-With another record a fit to all of them is at hand. What a record of few frequencies
-leaves open of the model without an effect is no evidence for it.
+With another record a fit to all of them is at hand, in which errors of the channels are
+sought: they are the same in all records.
 """
 
 from __future__ import annotations

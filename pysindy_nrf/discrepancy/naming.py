@@ -105,7 +105,7 @@ def proposal_of(
 ) -> Proposal | None:
     """The best of the general law of a place and its names."""
     place = promise.place
-    names = best_findings(promise.base, place.names, NAMING.finalists)
+    names = best_findings(state, place.names, NAMING.finalists)
     general = promise.general
     carrying = _carrying(names, general, rng)
     if carrying:

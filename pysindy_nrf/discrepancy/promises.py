@@ -14,10 +14,9 @@ from .places import Place, class_at
 
 @dataclass(frozen=True, eq=False)
 class Promise:
-    """What a place adds to a base: a grown law, or the scan of its names."""
+    """What a place adds to a state: a grown law, or the scan of its names."""
 
     place: Place
-    base: SearchState
     value: float
     general: Finding | None = None
 
@@ -41,13 +40,13 @@ def promise_of(place: Place, state: SearchState) -> Promise | None:
         general = _grown(place, state)
         if general is None:
             return None
-        return Promise(place, state, general.value, general)
+        return Promise(place, general.value, general)
     best = 0.0
     for candidate in place.quick_names:
         finding = scan(state, candidate, state)
         if finding is not None:
             best = max(best, finding.screened)
-    return Promise(place, state, best) if best > 0 else None
+    return Promise(place, best) if best > 0 else None
 
 
 def _grown(place: Place, state: SearchState) -> Finding | None:

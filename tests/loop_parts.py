@@ -8,7 +8,6 @@ from simulated_cases import simulated
 
 from pysindy_nrf import Record, Site
 from pysindy_nrf.diagnosis.evidence import evidence_of
-from pysindy_nrf.discrepancy import bootstrap
 from pysindy_nrf.discrepancy.amplitude import OtherCondition, at_other_amplitudes
 from pysindy_nrf.discrepancy.balance_loop import BalanceLoop
 from pysindy_nrf.discrepancy.candidate_search import best_findings
@@ -69,13 +68,6 @@ def grown_at(state, effect_class, site):
         return None, 0.0
     after = model.with_laws([(Site(site), law)])
     return law, after.reduction_from(model).value
-
-
-def refitted_to_a_draw(state):
-    """The model of a state fitted to records that it would have produced."""
-    rng = np.random.default_rng(0)
-    drawn = next(bootstrap.simulated(state.records, state.model, rng))
-    return state.model.refitted(drawn.spectra)
 
 
 def freed_of_errors(state, model, tolerances, faults=()):

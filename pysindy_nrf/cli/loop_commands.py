@@ -49,7 +49,7 @@ _loop_options = opt.together(
         help="Effects at most.",
     ),
     click.option(
-        "--seed", type=int, default=0, help="Random state of the parametric bootstrap."
+        "--seed", type=int, default=0, help="Random state of the noise that is drawn."
     ),
     opt.excel_option,
     opt.figures_option,

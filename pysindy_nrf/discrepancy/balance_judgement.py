@@ -9,7 +9,6 @@ from ..exceptions import NRFError
 from ..identification.result import IdentificationResult
 from ..records.record import Record
 from . import wording
-from .bootstrap import SimulatedRecords, simulated
 from .catalogue import same_balance
 from .claims import why_no_claim
 from .class_result import ClassResult, TriedEffect
@@ -60,14 +59,6 @@ class BalanceOutcome:
             return []
         return self.search.tools.faults.known_contradictions(records)
 
-    def on_excerpts(self, model: FittedModel) -> FittedModel:
-        """The same laws on the excerpts by which long records were searched."""
-        if self.excerpts is None:
-            return model
-        if model.spectra.windows.centred:
-            return model.refitted(self.excerpts)
-        return model.refitted(self.excerpts.with_means())
-
 
 @dataclass(frozen=True, eq=False)
 class BalanceJudgement:
@@ -77,15 +68,12 @@ class BalanceJudgement:
     ----------
     judgement : Judgement
     outcome : BalanceOutcome
-    noise : SimulatedRecords or None
-        What the final model would have produced; None if it has no free run.
     identified : IdentificationResult or None
         The final estimate; None if it cannot be made.
     """
 
     judgement: Judgement
     outcome: BalanceOutcome
-    noise: SimulatedRecords | None
     identified: IdentificationResult | None
 
 
@@ -152,8 +140,7 @@ class BalanceJudge:
             result.last,
             bool(no_claim),
         )
-        noise = self._drawn_from(judged[final].model)
-        return BalanceJudgement(judgement, self.outcome, noise, identified)
+        return BalanceJudgement(judgement, self.outcome, identified)
 
     # -- the course of the search, on all samples ------------------------------
 
@@ -222,7 +209,7 @@ class BalanceJudge:
             spectra = self.heldout.spectra_with_means(spectra)
         return model.refitted(spectra)
 
-    # -- final estimate, words, noise --------------------------------------
+    # -- final estimate, words -------------------------------------------------
 
     def _estimate(self, model: FittedModel, band: Band) -> IdentificationResult | None:
         """The final estimate of the laws of a model."""
@@ -238,14 +225,6 @@ class BalanceJudge:
         if len(result.effects) >= self.request.max_steps:
             return [wording.enough_effects(self.request.max_steps)]
         return [wording.best_refused(result.last, result.why_refused)]
-
-    def _drawn_from(self, final: FittedModel) -> SimulatedRecords | None:
-        """Records that the final model would have produced."""
-        outcome = self.outcome
-        records = outcome.result.state.records
-        assert records is not None
-        draws = simulated(records, outcome.on_excerpts(final), self.request.rng)
-        return next(draws, None)
 
     def _has_filtered_channel(self) -> bool:
         """Whether a channel has passed a high-pass filter, which relaxes as laws do."""

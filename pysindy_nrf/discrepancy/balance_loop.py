@@ -200,7 +200,6 @@ class BalanceLoop(
                 ChannelErrorTest(request.calibration),
                 EffectJudge(bool(request.heldout)),
                 EstimateJudge(estimates, request.searches_heldout),
-                request.rng,
                 tick,
             )
             search = ClassSearch(places, tools, constants)

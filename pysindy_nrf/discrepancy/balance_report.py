@@ -19,7 +19,6 @@ from ..diagnosis.open_alternatives import (
     ambiguous_intervals,
     with_ambiguity,
 )
-from ..diagnosis.residual import residual_of
 from ..diagnosis.rules import GOOD_RUN
 from ..diagnosis.site_loops import loops_of
 from ..diagnosis.unseen_drifts import unseen_drifts
@@ -59,7 +58,7 @@ def balance_report(request: LoopRequest, concluded: BalanceJudgement) -> LoopRep
     report = replace(
         report,
         steps=_with_remainders(report.steps, final, beyond_noise),
-        evidence=_evidence(concluded, report.models),
+        evidence=_evidence(request, concluded, report.models),
         measured=measured_records(outcome.records.records, noise, len(request.heldout)),
         loops=loops_of(report.model, pieces, filters),
         free_runs=_free_runs(report, outcome, final),
@@ -219,15 +218,15 @@ def _visited(model: FittedModel) -> dict[Site, VisitedRegion]:
 
 
 def _evidence(
-    concluded: BalanceJudgement, models: Sequence[ChainModel]
+    request: LoopRequest, concluded: BalanceJudgement, models: Sequence[ChainModel]
 ) -> list[Evidence]:
     """What each model leaves: is it noise, where does it act, what is it like."""
-    judgement, noise = concluded.judgement, concluded.noise
+    judgement, identified = concluded.judgement, concluded.identified
     floor = None
-    if noise is not None:
-        pieces, filters, _ = noise.spectra.data.diagnosed().cut()
-        residual = residual_of(models[judgement.final], pieces, filters)
-        floor = NoiseFloor.from_draws([residual])
+    if identified is not None:
+        residual = identified.residual_of_noise(request.rng)
+        if residual is not None:
+            floor = NoiseFloor.from_draws([residual])
 
     chosen = [step.site for step in judgement.steps]
     evidence = []

@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from . import judge
 from .acceptance import (
     JudgedProposal,
@@ -68,7 +66,6 @@ class SearchTools:
     errors : ChannelErrorTest
     judge : EffectJudge
     estimates : EstimateJudge
-    rng : Generator
     progress : callable
     """
 
@@ -76,7 +73,6 @@ class SearchTools:
     errors: ChannelErrorTest
     judge: EffectJudge
     estimates: EstimateJudge
-    rng: np.random.Generator
     progress: Callable[[], object]
 
 
@@ -139,7 +135,7 @@ class ClassSearch:
         promising = sorted(self._promises(state), key=lambda promise: -promise.value)
         proposals: list[Proposal] = []
         for promise in promising[: CLASSES.places]:
-            proposal = proposal_of(promise, state, self.tools.rng)
+            proposal = proposal_of(promise, state)
             if proposal is not None:
                 proposals.append(proposal)
 

@@ -323,7 +323,6 @@ class FoldProblem:
         self, spectra: BalanceSpectra, solver: ManySolver, products: np.ndarray
     ) -> None:
         self.informative = spectra.bands.informative
-        self.strict = spectra.strict
         self.solver = solver
         self.products = products
         # (n_folds, n_groups)
@@ -354,7 +353,7 @@ class FoldProblem:
         """
         by_group = for_groups(weights, self.solver)
         sums = np.einsum("uk,ukpq->upq", by_group, products, optimize=True)
-        fit = self.solver.solve(sums[None], self.strict)
+        fit = self.solver.solve(sums[None])
         rows = np.concatenate(self.solver.rows(*fit))[:, :, None, None]
         power = ((rows @ products[self.solver.judged]) * rows).sum(axis=(-2, -1))
         return np.where(np.isfinite(power), np.maximum(power, 0.0), np.inf)
@@ -362,7 +361,7 @@ class FoldProblem:
     def solve_folds(self, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Masses and coefficients from all folds, then as if each were left out."""
         sums = weighted_sums(self.products, weights, self.solver, self.used)
-        return solve_folds(self.solver, sums, self.strict)
+        return solve_folds(self.solver, sums)
 
     def judge_folds(self, masses: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """Power of the residual on each fold, which the fit did not see.
@@ -396,14 +395,12 @@ def weighted_sums(
     return sums * used[:, :, None, None]
 
 
-def solve_folds(
-    solver: ManySolver, sums: np.ndarray, strict: bool = True
-) -> tuple[np.ndarray, np.ndarray]:
+def solve_folds(solver: ManySolver, sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Masses and coefficients from all folds, then as if each had been left out."""
     weight = FIT.weight_left_out
     others = leave_one_out(sums) + weight * sums
     masses, coefficients = solver.solve(
-        np.concatenate([sums.sum(axis=0)[None], others]), strict
+        np.concatenate([sums.sum(axis=0)[None], others])
     )
     for values in (masses, coefficients):
         values[1:] += weight / (1.0 - weight) * (values[1:] - values[0])

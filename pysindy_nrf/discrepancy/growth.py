@@ -191,7 +191,7 @@ class AtomTrials:
         rows = self._rows_of(subsets)
         weighted = np.tensordot(for_groups(current.weights, solver), self._summed, 1)
         sums = _sub_blocks(weighted, rows)
-        masses, coefficients = solver.solve(sums, self.model.spectra.strict)
+        masses, coefficients = solver.solve(sums)
         residual, reference = solver.rows(masses, coefficients)
 
         products = _sub_blocks(self._summed, rows)

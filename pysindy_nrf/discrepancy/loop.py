@@ -65,7 +65,7 @@ def close_loop(
         Frequency band, Hz, outside of which no band is informative; the baseline's if
         None.
     random_state : int, Generator or None
-        For the parametric bootstrap.
+        Of the noise that is drawn to show what noise leaves of the equations.
     max_steps : int, optional
         Effects at most; if None, one more than there are storeys, at least four, so
         that the search can end by itself.

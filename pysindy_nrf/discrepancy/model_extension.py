@@ -164,7 +164,7 @@ class ModelExtension:
         """
         products = self._all_products(points, {} if known is None else known)
         sums = self._sums(products)
-        masses, coefficients = self.solver.solve(sums, self.model.spectra.strict)
+        masses, coefficients = self.solver.solve(sums)
         rows = np.concatenate(self.solver.rows(masses, coefficients), axis=1)
         residual, reference = np.split(self._powers(rows, products), 2, axis=1)
         residual = np.where(np.isfinite(residual), np.maximum(residual, 0.0), np.inf)

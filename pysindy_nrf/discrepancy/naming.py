@@ -7,16 +7,13 @@ it explains nearly as much.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..diagnosis.facts import Alternative
 from ..equations.normal_equations import variance
-from ..exceptions import NRFError
 from . import judge
-from .bootstrap import simulated
 from .candidate_search import SEARCH, best_findings, refined_finding, scan
 from .effects import Candidate, Finding, SearchState
 from .error_reduction import ErrorReduction
@@ -39,14 +36,9 @@ class NamingSettings:
     # class takes what an inexact law leaves.
     loss_of_name: float = 0.25
     most_lost: float = 0.75
-    # Besides it may lose what noise makes it lose, if it has this part of the gain: a
-    # curve bends where noise in the rate rounds a friction.
-    share_of_name: float = 0.5
     # By which a law that contains a name is better than it on another record, dB: where
     # nothing is missing the best of all candidates comes to 0.1 dB.
     gain_of_general: float = 0.1
-    # Draws of noise; a further one exceeds the largest of three in a quarter of cases.
-    draws: int = 3
 
 
 NAMING = NamingSettings()
@@ -100,17 +92,14 @@ class Proposal:
         return self.reduction.value
 
 
-def proposal_of(
-    promise: Promise, state: SearchState, rng: np.random.Generator
-) -> Proposal | None:
+def proposal_of(promise: Promise, state: SearchState) -> Proposal | None:
     """The best of the general law of a place and its names."""
     place = promise.place
     names = best_findings(state, place.names, NAMING.finalists)
     general = promise.general
-    carrying = _carrying(names, general, rng)
+    carrying = [name for name in names if _carries(name, general)]
     if carrying:
         name, rivals = _simplest_name(carrying, state)
-        name = _without_noise(name, names, rng)
         assert name.reduction is not None
         closest = name.candidate.law.name
         naming = Naming(place.effect_class, closest, rivals=rivals, names=names)
@@ -146,78 +135,17 @@ def other_names(name: Finding, naming: Naming, place: Place) -> list[Finding]:
     return others
 
 
-def _carrying(
-    names: list[Finding], general: Finding | None, rng: np.random.Generator
-) -> list[Finding]:
-    """Names that gain nearly as much as the general law.
-
-    The best one also where it loses no more than noise makes it lose.
-    """
-    carrying = [name for name in names if _carries(name, general)]
-    if carrying or not names:
-        return carrying
-    by_noise = _lost_by_noise(names[0], general, rng)
-    return [name for name in names[:1] if _carries(name, general, by_noise)]
-
-
-def _carries(name: Finding, general: Finding | None, allowance: float = 0.0) -> bool:
-    """Whether a name gains nearly as much as the general law.
-
-    But for an allowance, dB.
-    """
+def _carries(name: Finding, general: Finding | None) -> bool:
+    """Whether a name gains nearly as much as the general law."""
     if name.value <= 0 or name.reduction is None:
         return False
     if general is None or general.reduction is None:
         return True
     without_fold = general.reduction.without_fold - name.reduction.without_fold
     error = float(np.sqrt(variance(without_fold)))
-    lost = general.value - name.value - allowance
+    lost = general.value - name.value
     nearly = max(JUDGE.loss_of_simplest * general.value, error)
     return lost <= max(NAMING.loss_of_name, min(nearly, NAMING.most_lost))
-
-
-def _without_noise(
-    name: Finding, names: Sequence[Finding], rng: np.random.Generator
-) -> Finding:
-    """A special case of a name that only noise makes lose against it; else the name."""
-    law = name.candidate.law
-    for simpler in names:
-        fewer = simpler.n_parameters < name.n_parameters
-        if fewer and law.contains(simpler.candidate.law):
-            by_noise = _lost_by_noise(simpler, name, rng)
-            noise_matters = by_noise > NAMING.loss_of_name
-            if noise_matters and _carries(simpler, name, by_noise):
-                return simpler
-    return name
-
-
-def _lost_by_noise(
-    name: Finding, general: Finding | None, rng: np.random.Generator
-) -> float:
-    """What noise makes a name lose against the general law, dB."""
-    if general is None or name.value < NAMING.share_of_name * general.value:
-        return 0.0
-    assert name.after is not None
-    return gain_by_noise(name.after, general, rng)
-
-
-def gain_by_noise(
-    truth: SearchState, finding: Finding, rng: np.random.Generator
-) -> float:
-    """What a finding gains over a state whose model is the truth, dB.
-
-    On records that this model would have produced with fresh noise; the largest of
-    some draws.
-    """
-    if truth.records is None or finding.after is None:
-        return 0.0
-    gains = []
-    for drawn in simulated(truth.records, truth.model, rng, NAMING.draws):
-        with suppress(NRFError):
-            before = truth.model.refitted(drawn.spectra)
-            after = finding.after.model.refitted(drawn.spectra)
-            gains.append(after.reduction_from(before).value)
-    return max([0.0, *gains])
 
 
 def _simplest_name(

@@ -109,9 +109,6 @@ class BalanceSpectra:
         Of the folds of the search, or of other rows.
     bands : InformativeBands, optional
         All of them if None.
-    strict : bool
-        Refuse laws whose columns depend on others. In simulated records a law may not
-        act, and is left out.
     cache : SpectraCache, optional
         Of the same data and windows.
     """
@@ -121,12 +118,10 @@ class BalanceSpectra:
         data: SearchData,
         windows: Windows,
         bands: InformativeBands | None = None,
-        strict: bool = True,
         cache: SpectraCache | None = None,
     ) -> None:
         self.data = data
         self.windows = windows
-        self.strict = strict
         # what single precision loses of the spectra of long records is far below the
         # share that counts as zero
         self.precision: DTypeLike = float if windows.size < LONG_RECORD else np.float32
@@ -143,7 +138,7 @@ class BalanceSpectra:
 
     def with_bands(self, bands: InformativeBands) -> BalanceSpectra:
         """The same spectra, models judged in other bands."""
-        return type(self)(self.data, self.windows, bands, self.strict, self.cache)
+        return type(self)(self.data, self.windows, bands, self.cache)
 
     def with_windows(self, data: SearchData, windows: Windows) -> BalanceSpectra:
         """Spectra of other records, or of other rows, with the same bands."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..chain.model import ChainModel
 from ..diagnosis.facts import LeftOver
-from ..diagnosis.residual import residual_of
+from ..diagnosis.residual import Residual, residual_of
 from ..diagnosis.rules import ABOVE_NOISE
 from ..exceptions import NRFWarning
 from ..records.dataset import Dataset, Segment
@@ -96,14 +96,14 @@ def beside_noise(
     BesideNoise
         Empty where no noise is known.
     """
-    if not data.records or not all(segment.noise for segment in data.segments):
+    of_noise = residual_of_noise(problem, model, data)
+    if of_noise is None:
         return BesideNoise()
-    with warnings.catch_warnings(action="ignore", category=NRFWarning):
-        of_noise, step = _residual_of_noise(problem, model, data)
+    step = data.segments[0].step
     filters = problem.filters(data)
     residual = residual_of(model, data, filters)
-    n_octaves = _number_of_octaves([*of_noise, *residual.balance])
-    noise = _powers_by_octave(of_noise, step, n_octaves)
+    n_octaves = _number_of_octaves([*of_noise.balance, *residual.balance])
+    noise = _powers_by_octave(of_noise.balance, step, n_octaves)
     powers = _powers_by_octave(residual.balance, step, n_octaves)
     for other in half_samples:
         residual_beside = residual_of(other, data, filters)
@@ -137,29 +137,56 @@ def _above_noise(powers: np.ndarray, noise: np.ndarray, step: float) -> LeftOver
     return LeftOver(rms, of_noise, np.nan, (lowest, highest))
 
 
-def _residual_of_noise(
-    problem: Problem, model: ChainModel, data: Dataset
-) -> tuple[list[np.ndarray], float]:
-    """What further noise adds to the residual, N, record by record; the step, s."""
-    rng = np.random.default_rng(_SEED)
+def residual_of_noise(
+    problem: Problem,
+    model: ChainModel,
+    data: Dataset,
+    rng: np.random.Generator | None = None,
+) -> Residual | None:
+    """What further noise adds to the residual of a model; None where none is known.
+
+    Parameters
+    ----------
+    problem : Problem
+    model : ChainModel
+    data : Dataset
+        Fused from records. Of long ones stretches are read.
+    rng : Generator, optional
+        The same noise each time if None.
+    """
+    if not data.records or not all(segment.noise for segment in data.segments):
+        return None
+    rng = np.random.default_rng(_SEED) if rng is None else rng
     stretches = [_stretch(problem, data, k) for k in range(len(data.segments))]
     noisy = [
         _with_noise(record, segment, rng)
         for record, segment in zip(stretches, data.segments)
     ]
-    residuals = []
-    for records in (stretches, noisy):
-        fused = from_arrays(
-            records,
-            n_dof=model.n_dof,
-            has_memory=model.has_memory,
-            check=False,
-            needs_clock=problem.needs_clock,
-        )
-        residuals.append(residual_of(model, fused, problem.filters(fused)).balance)
+    with warnings.catch_warnings(action="ignore", category=NRFWarning):
+        plain = _residual_of_records(problem, model, stretches)
+        with_noise = _residual_of_records(problem, model, noisy)
+    differences = _differences(with_noise.balance, plain.balance)
+    segments = []
+    for segment, difference in zip(with_noise.data.segments, differences):
+        first = segment.valid.start
+        rows = slice(first, first + len(difference))
+        segments.append(replace(segment, valid=rows))
+    both = Dataset(segments, with_noise.data.n_samples)
+    return replace(with_noise, data=both, balance=differences)
 
-    plain, with_noise = residuals
-    return _differences(with_noise, plain), data.segments[0].step
+
+def _residual_of_records(
+    problem: Problem, model: ChainModel, records: Sequence[Record]
+) -> Residual:
+    """What a model leaves of records, fused again."""
+    fused = from_arrays(
+        records,
+        n_dof=model.n_dof,
+        has_memory=model.has_memory,
+        check=False,
+        needs_clock=problem.needs_clock,
+    )
+    return residual_of(model, fused, problem.filters(fused))
 
 
 def _differences(

@@ -28,6 +28,7 @@ from ..diagnosis.facts import (
 )
 from ..diagnosis.free_run import FreeRuns, free_runs, spread_of
 from ..diagnosis.open_alternatives import OpenAlternatives
+from ..diagnosis.residual import Residual
 from ..diagnosis.rules import GOOD_RUN, missed_channel
 from ..diagnosis.unseen_drifts import unseen_drifts
 from ..diagnosis.verdict import Verdict, verdict_after_search
@@ -61,7 +62,7 @@ from .joint_intervals import (
     joint_resolver,
     shapes_at_ends,
 )
-from .noise_floor import BesideNoise, beside_noise
+from .noise_floor import BesideNoise, beside_noise, residual_of_noise
 from .nonlinear_terms import kinds_of_nonlinearity
 from .problem import Problem
 from .shape_derivatives import shapes_of_motion
@@ -539,6 +540,29 @@ class IdentificationResult(PlainState):
         except NRFError:
             # a stretch of these records is no record by itself
             return BesideNoise()
+
+    def residual_of_noise(
+        self, rng: np.random.Generator | None = None
+    ) -> Residual | None:
+        """What noise like that of the channels leaves of the equations of motion.
+
+        Parameters
+        ----------
+        rng : Generator, optional
+            The same noise each time if None.
+
+        Returns
+        -------
+        Residual or None
+            None where the noise is not known.
+        """
+        if self.data is None or self.motions:
+            return None
+        try:
+            return residual_of_noise(self.problem, self.model, self.data, rng)
+        except NRFError:
+            # a stretch of these records is no record by itself
+            return None
 
     @cached_property
     def kinds_of_nonlinearity(self) -> dict[str, str]:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from loop_parts import (
     first_state,
-    refitted_to_a_draw,
     scanned_reduction,
     start_of,
 )
@@ -49,12 +48,6 @@ NEVER_CLOSED = [(STOREYS[1], laws.TwoSidedGap(gap=1e3))]
 def test_a_law_that_does_not_act_is_refused(model):
     with pytest.raises(NRFError, match="depend on each other"):
         model.with_laws(NEVER_CLOSED)
-
-
-def test_a_law_that_does_not_act_is_left_out_of_simulated_records(state):
-    drawn = refitted_to_a_draw(state)
-    power = drawn.with_laws(NEVER_CLOSED).powers.residual
-    assert power == pytest.approx(drawn.powers.residual, rel=1e-9)
 
 
 def test_a_force_with_some_unknown_samples_counts_where_it_is_known(model):

@@ -6,6 +6,7 @@ import pytest
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.diagnosis import Facts, FreeRunFacts, verdict_from
 from pysindy_nrf.diagnosis.facts import LeftOver
+from pysindy_nrf.diagnosis.residual import residual_of
 from pysindy_nrf.simulation import add_noise
 
 FS = 400.0
@@ -38,6 +39,17 @@ def test_a_right_model_leaves_what_noise_leaves(noise):
     for left_over in fitted.result_.beside_noise.left_over.values():
         assert left_over.rms == pytest.approx(left_over.noise, rel=0.5)
     assert "residual" not in {kind for kind, _ in grounds(fitted)}
+
+
+@pytest.mark.parametrize("noise", [0.005, 0.03])
+def test_noise_that_is_drawn_leaves_as_much_as_that_of_the_record(noise):
+    result = NRFRegressor(degree=1).fit(shaken(noise)).result_
+    left = residual_of(result.model, result.data)
+    draws = [result.residual_of_noise(np.random.default_rng(seed)) for seed in (1, 2)]
+    for drawn in draws:
+        sizes = drawn.sizes["rms"].to_numpy()
+        np.testing.assert_allclose(sizes, left.sizes["rms"], rtol=0.1)
+    assert not np.allclose(draws[0].balance[0], draws[1].balance[0])
 
 
 def test_a_harmonic_force_that_nobody_measured_is_missing():

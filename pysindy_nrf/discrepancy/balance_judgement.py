@@ -15,7 +15,7 @@ from .class_result import ClassResult, TriedEffect
 from .class_search import ClassSearch
 from .contradictions import Contradiction
 from .decision import Decision, FoundEffect
-from .effects import instants_of
+from .effects import Effect, instants_of
 from .final_estimate import FinalEstimates
 from .fitted_model import FittedModel
 from .heldout import HeldoutJudge, JudgedModel, search_errors
@@ -156,27 +156,40 @@ class BalanceJudge:
         judged = [current]
         drafts = []
         final = 0
+        claims = [t for t in result.accepted if not t.effect.enriches]
         refused = {tried.position: tried for tried in result.refused}
-        for number, tried in enumerate([*result.accepted, None]):
+        for number, tried in enumerate([*claims, None]):
             turned_down = refused.pop(number, None)
             if turned_down is not None:
                 decision = self._decided(current, turned_down, False)
                 judged.append(decision.after)
-                drafts.append(_draft(turned_down, decision))
+                drafts.append(_draft(turned_down, decision, []))
             if tried is None:
                 break
-            decision = self._decided(current, tried, True)
+            beside = self._enrichment_of(tried)
+            decision = self._decided(current, tried, True, beside)
             current = decision.after
             judged.append(current)
-            drafts.append(_draft(tried, decision))
+            drafts.append(_draft(tried, decision, beside))
             final = len(judged) - 1
         return _Course(_one_table(judged, self.heldout), drafts, final)
+
+    def _enrichment_of(self, tried: TriedEffect) -> list[Effect]:
+        """Effects that only add to one."""
+        beside = []
+        for other in self.outcome.result.accepted:
+            same_class = other.naming.effect_class == tried.naming.effect_class
+            same_site = other.effect.site == tried.effect.site
+            if other.effect.enriches and same_class and same_site:
+                beside.append(other.effect)
+        return beside
 
     def _decided(
         self,
         current: JudgedModel,
         tried: TriedEffect,
         confirmed: bool,
+        beside: Sequence[Effect] = (),
     ) -> Decision:
         """The models without and with an effect.
 
@@ -189,6 +202,7 @@ class BalanceJudge:
             if effect.is_constant:
                 before = self._with_means(current)
             model = self._with_effect(before.model, tried)
+            model = model.with_laws([(e.site, e.law) for e in beside])
         except NRFError:
             return Decision(effect, current, replace(current, name=name), False)
         return Decision(effect, before, self.heldout.judged(name, model), confirmed)
@@ -251,7 +265,9 @@ def _why_no_claim(judged: JudgedModel, identified: IdentificationResult | None) 
     return why_no_claim(judged, identified.model)
 
 
-def _draft(tried: TriedEffect, decision: Decision) -> StepDraft:
+def _draft(
+    tried: TriedEffect, decision: Decision, beside: Sequence[Effect]
+) -> StepDraft:
     """The step of an effect without the certainty of its name."""
     pair = FoundEffect(decision.effect, decision.before.model, decision.after.model)
     draft = draft_step(pair, decision, tried.naming.rivals)
@@ -265,6 +281,7 @@ def _draft(tried: TriedEffect, decision: Decision) -> StepDraft:
         judged_by=judged.condition,
         judged_reduction=judged.decisive.value,
         judged_error=judged.decisive.error,
+        laws_beside=[effect.law.name for effect in beside],
     )
     plausible = draft.plausible and not naming.one_shape
     return replace(draft, step=step, plausible=plausible)
@@ -281,7 +298,7 @@ def _finished(drafts: Sequence[StepDraft], filtered: bool) -> list[Step]:
     for draft in drafts:
         step = draft.step
         relaxes = filtered and draft.effect.law.has_memory
-        laws_beside = _laws_beside(draft, drafts)
+        laws_beside = [*step.laws_beside, *_laws_beside(draft, drafts)]
         is_only = not (step.rivals or step.alternatives or laws_beside)
         is_named = step.carries and is_only
         judged = draft.confirmed and step.judged_by == "another record"

@@ -66,6 +66,11 @@ class ClassResult:
         """The effects in the order in which they were accepted."""
         return self.state.effects
 
+    @property
+    def n_claims(self) -> int:
+        """Number of effects that do not only add to another."""
+        return sum(not effect.enriches for effect in self.effects)
+
     def with_accepted(self, proposal: Proposal, judged: JudgedEffect) -> ClassResult:
         """The result with the effects of a proposal."""
         after = proposal.finding.after
@@ -87,8 +92,8 @@ class ClassResult:
         assert after is not None
 
         (effect, *_) = proposal.finding.new_effects(self.effects)
-        position = len(self.effects)
-        is_claim = len(after.effects) > position
+        position = self.n_claims
+        is_claim = not proposal.finding.only_enriches(self.effects)
         if not is_claim or any(tried.position == position for tried in self.refused):
             return self
 
@@ -109,9 +114,7 @@ class ClassResult:
         corrected = None
         if effect.is_fault and proposal.finding.after is not None:
             corrected = proposal.finding.after.model.spectra
-        return TriedEffect(
-            effect, proposal.naming, judged, len(self.effects), corrected
-        )
+        return TriedEffect(effect, proposal.naming, judged, self.n_claims, corrected)
 
 
 def _without(

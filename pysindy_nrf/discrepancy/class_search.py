@@ -41,7 +41,7 @@ from .naming import (
     proposal_of,
 )
 from .places import Place
-from .promises import Promise, effects_at, promise_of
+from .promises import Promise, effects_at, enrichment_of, promise_of
 from .sensor_faults import FaultSearch
 
 
@@ -150,9 +150,13 @@ class ClassSearch:
         """What each place promises beside a state, if it is free."""
         for place in self.places:
             self.tools.progress()
-            if len(place.sites) > 1 or effects_at(place, state):
+            if len(place.sites) > 1:
                 continue
-            promise = promise_of(place, state)
+            there = effects_at(place, state)
+            if there:
+                promise = enrichment_of(place, state, there)
+            else:
+                promise = promise_of(place, state)
             if promise is not None:
                 yield promise
 

@@ -237,7 +237,10 @@ def stands_beside_another(new: Iterable[Effect], state: SearchState) -> bool:
     What the law of that one misses repeats with every cycle: held-out time does not
     separate it from a second effect.
     """
-    return any(state.has_shape_at(effect.site) for effect in new)
+    for effect in new:
+        if not effect.enriches and state.has_shape_at(effect.site):
+            return True
+    return False
 
 
 def _cut(

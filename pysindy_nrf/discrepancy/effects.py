@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from ..chain.model import ChainModel
@@ -45,12 +45,16 @@ class Effect:
     witnessed : bool
         Of a fault of a sensor, whether another channel of its DOF contradicts it. One
         that none does has no sure name: a bias of the fit looks alike.
+    enriches : bool
+        Whether it only adds to an effect of its class at its site, and is no claim of
+        its own.
     """
 
     law: ForceLaw
     site: Site
     template: ForceLaw
     witnessed: bool = True
+    enriches: bool = False
 
     @property
     def name(self) -> str:
@@ -178,6 +182,13 @@ class Finding:
             return []
         known = set(beside)
         return [effect for effect in self.after.effects if effect not in known]
+
+    def only_enriches(self, effects: Sequence[Effect]) -> bool:
+        """Whether it only adds to effects that are there, or grows one again."""
+        assert self.after is not None
+        is_larger = len(self.after.effects) > len(effects)
+        new = self.new_effects(effects)
+        return all(effect.enriches for effect in new) or not is_larger
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from ..exceptions import NRFError
+from ..laws.atoms import SumOfAtoms
 from .candidate_search import scan
 from .dictionary import dictionary
 from .effects import Candidate, Effect, Finding, SearchState
@@ -34,6 +36,30 @@ def effects_at(place: Place, state: SearchState) -> list[Effect]:
     return effects
 
 
+def enrichment_of(
+    place: Place, state: SearchState, effects: Sequence[Effect]
+) -> Promise | None:
+    """What atoms add to an effect that is there, which makes no new claim.
+
+    A general law is grown again; a name gets a general law at its site, once.
+    """
+    if not place.grows or len(effects) > 1:
+        return None
+    effect = effects[0]
+    if not isinstance(effect.law, SumOfAtoms):
+        general = _grown(place, state, enriches=True)
+        if general is None:
+            return None
+        return Promise(place, state, general.value, general)
+    general = _grown(place, state.without([effect]))
+    if general is None or general.after is None:
+        return None
+    reduction = general.after.model.reduction_from(state.model)
+    nameless = replace(place, names=())
+    general = replace(general, reduction=reduction)
+    return Promise(nameless, state, reduction.value, general)
+
+
 def promise_of(place: Place, state: SearchState) -> Promise | None:
     """What a place adds to a state; None if nothing can stand there."""
     if place.grows:
@@ -49,7 +75,7 @@ def promise_of(place: Place, state: SearchState) -> Promise | None:
     return Promise(place, best) if best > 0 else None
 
 
-def _grown(place: Place, state: SearchState) -> Finding | None:
+def _grown(place: Place, state: SearchState, enriches: bool = False) -> Finding | None:
     """The general law of a place, added to a state."""
     (site,) = place.sites
     atoms = dictionary(place.effect_class, site, state.model.spectra.data)
@@ -63,7 +89,7 @@ def _grown(place: Place, state: SearchState) -> Finding | None:
     except NRFError:
         return None
     reduction = after.reduction_from(state.model)
-    effects = (*state.effects, Effect(law, site, law))
+    effects = (*state.effects, Effect(law, site, law, enriches=enriches))
     return Finding(
         Candidate(law, (site,)),
         (law,),

@@ -45,19 +45,15 @@ def enrichment_of(
     """
     if not place.grows or len(effects) > 1:
         return None
-    effect = effects[0]
-    if not isinstance(effect.law, SumOfAtoms):
-        general = _grown(place, state, enriches=True)
-        if general is None:
-            return None
-        return Promise(place, state, general.value, general)
-    general = _grown(place, state.without([effect]))
+    grown_before = [e for e in effects if isinstance(e.law, SumOfAtoms)]
+    general = _grown(place, state.without(grown_before), enriches=not grown_before)
     if general is None or general.after is None:
         return None
+
     reduction = general.after.model.reduction_from(state.model)
-    nameless = replace(place, names=())
     general = replace(general, reduction=reduction)
-    return Promise(nameless, state, reduction.value, general)
+    nameless = replace(place, names=())
+    return Promise(nameless, reduction.value, general)
 
 
 def promise_of(place: Place, state: SearchState) -> Promise | None:

@@ -135,7 +135,7 @@ class ClassSearch:
         promising = sorted(self._promises(state), key=lambda promise: -promise.value)
         proposals: list[Proposal] = []
         for promise in promising[: CLASSES.places]:
-            proposal = proposal_of(promise, state)
+            proposal = proposal_of(promise, state, self.tools.estimates)
             if proposal is not None:
                 proposals.append(proposal)
 
@@ -245,11 +245,18 @@ class ClassSearch:
         return result.with_refused(failed.proposal, failed.judged)
 
     def _has_only_noise_to_explain(self, finding: Finding, state: SearchState) -> bool:
-        """Whether a law is at its site already, and nothing but noise is left."""
-        new = finding.new_effects(state.effects)
-        if finding.is_fault or not stands_beside_another(new, state):
+        """Whether a law is at its site already, and nothing but noise is left.
+
+        Or, of atoms that are added to a law, whether the motion does not show them.
+        """
+        if finding.is_fault:
             return False
-        return self.tools.estimates.leaves_noise_alone(state)
+        estimates = self.tools.estimates
+        if finding.only_enriches(state.effects):
+            assert finding.after is not None
+            return estimates.follows_as_well(state, finding.after)
+        new = finding.new_effects(state.effects)
+        return stands_beside_another(new, state) and estimates.leaves_noise_alone(state)
 
     def _doubt(self, proposal: Proposal, result: ClassResult) -> str:
         """What speaks against a proposal: channels, final estimate, motion."""

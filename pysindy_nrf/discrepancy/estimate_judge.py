@@ -20,6 +20,7 @@ import numpy as np
 from ..chain.model import ChainModel
 from ..diagnosis.offsets import with_offsets
 from ..diagnosis.open_alternatives import EXPLAINED
+from ..diagnosis.rules import GOOD_RUN
 from ..identification.result import IdentificationResult
 from ..laws.sensor import SensorFault
 from .claims import wrong_masses
@@ -114,6 +115,14 @@ class EstimateJudge:
         if np.max([*remaining.values()], initial=0.0) < EXPLAINED:
             return True
         return self._error_of_estimate(state) < EXPLAINED
+
+    def follows_as_well(self, simple: SearchState, rich: SearchState) -> bool:
+        """Whether the final estimate of a model follows the motion well.
+
+        And as well as that of a richer one, which least squares may prefer for noise.
+        """
+        error = self._error_of_estimate(simple)
+        return error < GOOD_RUN and error <= self._error_of_estimate(rich)
 
     def contradicts(self, finding: Finding, state: SearchState) -> bool:
         """Whether the motion that the model predicts speaks against a finding.

@@ -17,6 +17,7 @@ from . import judge
 from .candidate_search import SEARCH, best_findings, refined_finding, scan
 from .effects import Candidate, Finding, SearchState
 from .error_reduction import ErrorReduction
+from .estimate_judge import EstimateJudge
 from .judge import JUDGE
 from .places import Place, class_at
 from .promises import Promise, effects_at
@@ -36,6 +37,9 @@ class NamingSettings:
     # class takes what an inexact law leaves.
     loss_of_name: float = 0.25
     most_lost: float = 0.75
+    # Part of the gain that a name has at least where the final estimate with it follows
+    # the motion as well as that with the general law.
+    share_of_name: float = 0.5
     # By which a law that contains a name is better than it on another record, dB: where
     # nothing is missing the best of all candidates comes to 0.1 dB.
     gain_of_general: float = 0.1
@@ -92,12 +96,14 @@ class Proposal:
         return self.reduction.value
 
 
-def proposal_of(promise: Promise, state: SearchState) -> Proposal | None:
+def proposal_of(
+    promise: Promise, state: SearchState, estimates: EstimateJudge
+) -> Proposal | None:
     """The best of the general law of a place and its names."""
     place = promise.place
     names = best_findings(state, place.names, NAMING.finalists)
     general = promise.general
-    carrying = [name for name in names if _carries(name, general)]
+    carrying = _carrying(names, general, estimates)
     if carrying:
         name, rivals = _simplest_name(carrying, state)
         assert name.reduction is not None
@@ -133,6 +139,25 @@ def other_names(name: Finding, naming: Naming, place: Place) -> list[Finding]:
         if other is not None:
             others.append(other)
     return others
+
+
+def _carrying(
+    names: Sequence[Finding], general: Finding | None, estimates: EstimateJudge
+) -> list[Finding]:
+    """Names that gain nearly as much as the general law.
+
+    Or the best one, where the final estimate with it follows the motion as well: noise
+    in the rate rounds a friction for least squares.
+    """
+    carrying = [name for name in names if _carries(name, general)]
+    if carrying or not names or general is None:
+        return carrying
+    best = names[0]
+    has_most = best.value >= NAMING.share_of_name * general.value
+    if best.after is None or general.after is None or not has_most:
+        return []
+    follows = estimates.follows_as_well(best.after, general.after)
+    return [best] if follows else []
 
 
 def _carries(name: Finding, general: Finding | None) -> bool:

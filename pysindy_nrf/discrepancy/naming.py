@@ -39,7 +39,7 @@ class NamingSettings:
     most_lost: float = 0.75
     # Part of the gain that a name has at least where the final estimate with it follows
     # the motion as well as that with the general law.
-    share_of_name: float = 0.5
+    share_of_name: float = 0.8
     # By which a law that contains a name is better than it on another record, dB: where
     # nothing is missing the best of all candidates comes to 0.1 dB.
     gain_of_general: float = 0.1

@@ -44,7 +44,7 @@ class FaultSettings:
     # contradict, and those of the balances alone.
     suspects: int = 3
     # Channels whose fault is scanned for each of these.
-    scans: int = 2
+    scans: int = 4
     # Error reduction to first order that makes a fault worth a search, dB.
     worth_scanning: float = 0.125
     # Error reduction, dB, and size, as a share, of a fault that is worth trying.

@@ -127,6 +127,9 @@ def test_all_sensors_of_a_floor_read_the_same_fault():
         pytest.param(
             [1], ["displacement"], laws.ChannelDelay(0.004), marks=pytest.mark.slow
         ),
+        pytest.param(
+            [1, 2, 3], [], laws.ChannelDelay(0.005), marks=pytest.mark.slow, id="late"
+        ),
     ],
 )
 def test_a_fault_that_all_sensors_of_a_floor_share_is_no_brace(forced, left_out, fault):

@@ -14,7 +14,7 @@ from .claims import why_no_claim
 from .class_result import ClassResult, TriedEffect
 from .class_search import ClassSearch
 from .contradictions import Contradiction
-from .decision import Decision, FoundEffect
+from .decision import Decision
 from .effects import Effect, instants_of
 from .final_estimate import FinalEstimates
 from .fitted_model import FittedModel
@@ -269,8 +269,7 @@ def _draft(
     tried: TriedEffect, decision: Decision, beside: Sequence[Effect]
 ) -> StepDraft:
     """The step of an effect without the certainty of its name."""
-    pair = FoundEffect(decision.effect, decision.before.model, decision.after.model)
-    draft = draft_step(pair, decision, tried.naming.rivals)
+    draft = draft_step(decision, tried.naming.rivals)
     naming, judged = tried.naming, tried.judged
     step = replace(
         draft.step,
@@ -301,7 +300,7 @@ def _finished(drafts: Sequence[StepDraft], filtered: bool) -> list[Step]:
         laws_beside = [*step.laws_beside, *_laws_beside(draft, drafts)]
         is_only = not (step.rivals or step.alternatives or laws_beside)
         is_named = step.carries and is_only
-        judged = draft.confirmed and step.judged_by == "another record"
+        judged = step.confirmed and step.judged_by == "another record"
         sure = judged and is_named and draft.plausible and not relaxes
         steps.append(replace(step, laws_beside=laws_beside, sure=sure))
     return steps
@@ -313,7 +312,7 @@ def _laws_beside(draft: StepDraft, drafts: Iterable[StepDraft]) -> list[str]:
     laws_beside = []
     for other in drafts:
         there = other is not draft and same_balance(other.effect.site) == site
-        if there and other.confirmed:
+        if there and other.step.confirmed:
             laws_beside.append(other.effect.law.name)
     return laws_beside
 

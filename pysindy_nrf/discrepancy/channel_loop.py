@@ -23,7 +23,7 @@ from .catalogue import with_all_storeys, without_tied_laws
 from .channel_gains import explained_by_gains
 from .channel_spectra import CHANNELS
 from .course import Course
-from .decision import Decision, FoundEffect, falls_on_heldout
+from .decision import Decision, falls_on_heldout
 from .effects import Candidate, Effect, Finding, RankedFinding
 from .final_estimate import with_final_estimate
 from .heldout import JudgedModel
@@ -350,15 +350,14 @@ def _step_of(
     has_records: bool,
 ) -> Step:
     """The step of an effect, by the models without and with it."""
-    pair = FoundEffect(effect, before.model, after.model)
     confirmed = falls_on_heldout(effect.law, before, after)
     decision = Decision(effect, before, after, confirmed)
-    draft = draft_step(pair, decision, rivals)
+    draft = draft_step(decision, rivals)
     heldout = decision.heldout_reduction
-    is_only = not (rivals or draft.alternatives)
+    is_only = not (rivals or draft.step.alternatives)
     return replace(
         draft.step,
-        sure=has_records and draft.confirmed and draft.plausible and is_only,
+        sure=has_records and confirmed and draft.plausible and is_only,
         remainder=after.error / before.error,
         evidence=draft.step.evidence + _not_told_from(rivals),
         effect_class=class_at(effect.template, effect.site, before.model.base),

@@ -1,4 +1,4 @@
-"""Effects, and the models without and with them, on the search and held out."""
+"""Effects with the models without and with them, judged."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from ..laws.base import ForceLaw
 from . import judge
 from .effects import Effect
 from .error_reduction import ErrorReduction
-from .fitted_model import FittedModel
 from .heldout import JudgedModel
 from .judge import JUDGE
 
@@ -28,15 +27,6 @@ class ConfirmationSettings:
 
 
 CONFIRMATION = ConfirmationSettings()
-
-
-@dataclass(frozen=True, eq=False)
-class FoundEffect:
-    """An effect as the search found it: models without and with it."""
-
-    effect: Effect
-    before: FittedModel
-    after: FittedModel
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from . import judge, wording
-from .decision import Decision, FoundEffect
+from .decision import Decision
 from .effects import Effect, Finding
 from .fitted_model import FittedModel
 from .intervals import Interval, effect_intervals
@@ -25,8 +25,6 @@ class StepDraft:
     Attributes
     ----------
     effect : Effect
-    confirmed : bool
-        Whether held-out data confirm it.
     plausible : bool
         Whether it is sure to be there, its coefficients may be real, and its shape
         parameters are its own.
@@ -34,36 +32,27 @@ class StepDraft:
     """
 
     effect: Effect
-    confirmed: bool
     plausible: bool
     step: Step
 
-    @property
-    def alternatives(self) -> list[str]:
-        """Other families that explain the data as well."""
-        return self.step.alternatives
-
     def refused(self) -> StepDraft:
         """The same of a model of which nothing may be claimed."""
-        return replace(self, confirmed=False, step=replace(self.step, confirmed=False))
+        return replace(self, step=replace(self.step, confirmed=False))
 
 
-def draft_step(
-    searched: FoundEffect, decision: Decision, rivals: Sequence[Finding]
-) -> StepDraft:
+def draft_step(decision: Decision, rivals: Sequence[Finding]) -> StepDraft:
     """The step of an effect without the certainty of its name.
 
     Parameters
     ----------
-    searched : FoundEffect
-        In the search, after all effects that were found before it.
     decision : Decision
-        On held-out data, after all effects that were confirmed before it.
+        After all effects that were confirmed before it.
     rivals : sequence of Finding
         Candidates that explained the data as well.
     """
-    effect, model = searched.effect, searched.after
-    reduction = model.reduction_from(searched.before)
+    effect = decision.effect
+    before, model = decision.before.model, decision.after.model
+    reduction = model.reduction_from(before)
     fitted, share = effect.law, float("nan")
     units = model.chain.units
     intervals: dict[str, Interval] = {}
@@ -86,7 +75,7 @@ def draft_step(
         error_after=decision.after.error,
         free_run_before=decision.before.free_run_error,
         free_run_after=decision.after.free_run_error,
-        validation_before=searched.before.error,
+        validation_before=before.error,
         reduction=reduction.value,
         reduction_error=reduction.standard_error,
         reduction_least=reduction.least,
@@ -101,7 +90,7 @@ def draft_step(
         real = effect.witnessed
     else:
         real = all((fitted.parameters[c] or 0.0) >= 0 for c in fitted.nonnegative)
-    return StepDraft(effect, decision.confirmed, real and reduction.bound > 0, step)
+    return StepDraft(effect, real and reduction.bound > 0, step)
 
 
 def _other_families(

@@ -59,7 +59,7 @@ def test_the_name_of_a_record_is_text(text):
     assert "shaker <b>1</b>" in text
 
 
-@pytest.mark.parametrize("setting", ["random_state", "share_of_name", "numpy"])
+@pytest.mark.parametrize("setting", ["random_state", "finalists", "numpy"])
 def test_settings_and_versions_are_shown(text, setting):
     assert setting in text
 

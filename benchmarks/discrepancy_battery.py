@@ -308,10 +308,14 @@ def certainty(table: pd.DataFrame) -> list[str]:
         return []
     columns = ["steps", "claims", "names right", "sure", "sure right"]
     steps, claims, right, sure, both = table[columns].fillna(0).sum().astype(int)
+    # without one no name is ever sure
+    judged = table[table["second record"].astype(bool)]
+    judged_right = int(judged["names right"].fillna(0).sum())
     return [
         f"- sure names that are right: {percent(both, sure)} % of {sure}"
         f" (target {SURE_RIGHT:g} %)",
-        f"- right names that are sure: {percent(both, right)} % of {right}"
+        f"- right names that are sure: {percent(both, right)} % of {right}; where a"
+        f" second record is given {percent(both, judged_right)} % of {judged_right}"
         f" (target {RIGHT_SURE:g} %)",
         f"- effects that held-out data did not confirm: {steps - claims} of {steps}",
         f"- claims of what is not there: {int(table['false'].sum())} of {claims}"

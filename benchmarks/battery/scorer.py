@@ -467,6 +467,7 @@ def scored(case: Case) -> dict:
     row = described(case) | {
         "heard": min(heard, default=np.nan),
         "eligible": bool(heard) and min(heard) >= ELIGIBLE,
+        "second record": unseen is not None,
     }
     start, cpu = time.perf_counter(), time.process_time()
     try:

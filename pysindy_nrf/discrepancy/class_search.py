@@ -7,7 +7,7 @@ does not gives way to the next.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from . import judge
@@ -37,6 +37,7 @@ from .naming import (
     Naming,
     Proposal,
     at_all_storeys,
+    general_proposal,
     other_names,
     proposal_of,
 )
@@ -74,6 +75,15 @@ class SearchTools:
     judge: EffectJudge
     estimates: EstimateJudge
     progress: Callable[[], object]
+
+
+@dataclass(frozen=True)
+class _Doubt:
+    """What speaks against a proposal."""
+
+    words: str
+    # Whether the final estimate leaves its coefficients open.
+    is_of_estimate: bool = False
 
 
 class ClassSearch:
@@ -168,13 +178,9 @@ class ClassSearch:
         """The first proposal that holds, and the result with those refused."""
         why = ""
         state = result.state
-        there = []
         self.tools.judge.begin_round()
         self.tools.estimates.begin_round()
-        for proposal in proposals:
-            if is_there(proposal, state):
-                judged = self.tools.judge.judged(proposal.finding, state)
-                there.append(JudgedProposal(proposal, judged))
+        there = self._judged(proposals, state)
         while there:
             best = next_proposal(there, state)
             there.remove(best)
@@ -191,8 +197,21 @@ class ClassSearch:
                 proposal = self._with_rivals(best, proposals, state)
                 proposal = _with_faults_instead(proposal, proposals, state)
                 return (proposal, judged), result
-            why = why or doubt
+            why = why or doubt.words
+            if doubt.is_of_estimate:
+                there += self._judged(_general_instead(proposal), state)
         return None, replace(result, why_refused=why)
+
+    def _judged(
+        self, proposals: Iterable[Proposal], state: SearchState
+    ) -> list[JudgedProposal]:
+        """Proposals that are there, with what another condition says of them."""
+        judged = []
+        for proposal in proposals:
+            if is_there(proposal, state):
+                at_condition = self.tools.judge.judged(proposal.finding, state)
+                judged.append(JudgedProposal(proposal, at_condition))
+        return judged
 
     def _with_rivals(
         self, best: JudgedProposal, proposals: Sequence[Proposal], state: SearchState
@@ -258,19 +277,19 @@ class ClassSearch:
         new = finding.new_effects(state.effects)
         return stands_beside_another(new, state) and estimates.leaves_noise_alone(state)
 
-    def _doubt(self, proposal: Proposal, result: ClassResult) -> str:
+    def _doubt(self, proposal: Proposal, result: ClassResult) -> _Doubt | None:
         """What speaks against a proposal: channels, final estimate, motion."""
         state, finding = result.state, proposal.finding
         assert finding.after is not None
         before = self.tools.judge.on_all_records(state.model)
         after = self.tools.judge.on_all_records(finding.after.model)
         if self._is_explained_by_errors(finding, before, after):
-            return "errors of the channels within their tolerances explain it"
+            return _Doubt("errors of the channels within their tolerances explain it")
         if self.tools.estimates.is_undetermined(finding, state):
-            return "the final estimate does not determine it"
+            return _Doubt("the final estimate does not determine it", True)
         if self.tools.estimates.contradicts(finding, state):
-            return "the free run speaks against it"
-        return ""
+            return _Doubt("the free run speaks against it")
+        return None
 
     def _is_explained_by_errors(
         self, finding: Finding, before: FittedModel, after: FittedModel
@@ -313,6 +332,15 @@ class ClassSearch:
         start = replace(result.state, model=result.state.model.refitted(spectra))
         self.tools.errors.forget()
         return replace(result, first=first).with_state(polished(start))
+
+
+def _general_instead(proposal: Proposal) -> list[Proposal]:
+    """The general law in place of a name that the final estimate leaves open."""
+    naming = proposal.naming
+    if naming.general is None:
+        return []
+    general = general_proposal(naming.general, naming.effect_class, naming.names)
+    return [] if general is None else [general]
 
 
 def _faults(findings: Sequence[Finding], state: SearchState) -> list[Proposal]:

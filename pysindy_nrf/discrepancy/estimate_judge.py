@@ -167,11 +167,11 @@ class EstimateJudge:
         return self._free_run_errors[model]
 
     def _estimate(self, state: SearchState) -> IdentificationResult | None:
-        """The final estimate of a state, shapes as they are."""
+        """The final estimate of a state, as the report would give it."""
         assert state.records is not None
         model = state.model
         records, band = state.records.searched, model.spectra.band
-        return self.estimates.of(model.laws, records, band, keeps_shapes=True)
+        return self.estimates.of(model.laws, records, band)
 
 
 def leaves_open(model: FittedModel, effect_judge: EffectJudge) -> bool:

@@ -63,7 +63,6 @@ class FinalEstimates:
         laws: Mapping[Site, Sequence[ForceLaw]],
         records: Sequence[Record],
         band: Band,
-        keeps_shapes: bool = False,
     ) -> IdentificationResult | None:
         """The estimate of some laws from all samples; None if they cannot be fitted so.
 
@@ -74,13 +73,11 @@ class FinalEstimates:
             Those that were searched, freed of the faults that were found.
         band : (float, float)
             Hz, of the search.
-        keeps_shapes : bool
-            Whether shape parameters stay as the search found them.
         """
         problem = _problem_of(self.request, records, laws, band)
         freed = _with_free_shapes(problem.laws, self.request.problem.laws)
         with_shapes = replace(problem, laws=freed, start=problem.laws)
-        if keeps_shapes or not with_shapes.has_free_shapes:
+        if not with_shapes.has_free_shapes:
             return self._estimate(problem, records)
 
         # intervals of coefficients would hold for the shapes of the search only

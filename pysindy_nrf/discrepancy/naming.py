@@ -68,6 +68,8 @@ class Naming:
     one_shape : bool
         Whether several sites share the shape parameters of the name. Where they differ
         a wrong law with more of them is better than the right one.
+    general : Finding or None
+        The general law, where a name carries.
     instead : sequence of Alternative
         Faults of sensors with which the effect is not there.
     """
@@ -79,6 +81,7 @@ class Naming:
     rivals: Sequence[Finding] = ()
     names: Sequence[Finding] = ()
     one_shape: bool = False
+    general: Finding | None = None
     instead: Sequence[Alternative] = ()
 
 
@@ -108,16 +111,26 @@ def proposal_of(
         name, rivals = _simplest_name(carrying, state)
         assert name.reduction is not None
         closest = name.candidate.law.name
-        naming = Naming(place.effect_class, closest, rivals=rivals, names=names)
+        naming = Naming(
+            place.effect_class, closest, rivals=rivals, names=names, general=general
+        )
         return Proposal(name, name.reduction, naming)
-    if general is None or general.reduction is None:
+    if general is None:
         return None
+    return general_proposal(general, place.effect_class, names)
 
+
+def general_proposal(
+    general: Finding, effect_class: str, names: Sequence[Finding]
+) -> Proposal | None:
+    """The general law of a class, with the closest of some names."""
+    if general.reduction is None:
+        return None
     closest, share = "", 0.0
     if names:
         closest = names[0].candidate.law.name
         share = max(names[0].value, 0.0) / general.value
-    naming = Naming(place.effect_class, closest, share, carries=False)
+    naming = Naming(effect_class, closest, share, carries=False)
     return Proposal(general, general.reduction, naming)
 
 

@@ -96,6 +96,15 @@ def test_a_strongly_shaken_frame_yields():
 
 
 @pytest.mark.slow
+def test_a_name_that_the_estimate_leaves_open_gives_way_to_its_general_law():
+    """The strength of a Bouc-Wen law in storey 2 is uncertain by a thousand times."""
+    steps = confirmed(frame("fbgm152s4"))
+    (found,) = [step for step in steps if step.site == "storey 2"]
+    assert (found.law, found.closest) == ("general_hysteresis", "bouc_wen")
+    assert not found.carries
+
+
+@pytest.mark.slow
 def test_an_effect_takes_over_no_spring():
     """Sliders beside -214 N/m, where the storey has 420, explained the search and not
     what was held out.

@@ -106,6 +106,14 @@ def test_nothing_is_claimed_of_a_model_that_does_not_follow_the_motion():
     assert report.verdict.state == "red"
 
 
+def test_an_effect_whose_interval_holds_zero_is_not_claimed():
+    """A Maxwell branch gains 1 dB; with its relaxation time estimated, its stiffness is
+    known to 200 % only.
+    """
+    first, second = ordinary_case(9931, 31)
+    assert confirmed(close_loop(first, heldout=second)) == []
+
+
 def test_what_the_final_estimate_leaves_open_is_not_claimed():
     """A hidden oscillator gains 7 dB; the final estimate gives it 2 kg, give or take
     3 kg.

@@ -118,7 +118,7 @@ class FinalEstimates:
 
 
 def _numbers_of(records: Sequence[Record]) -> tuple[int, ...]:
-    """Numbers by which records are told apart."""
+    """Numbers that distinguish records."""
     return tuple(map(id, records))
 
 

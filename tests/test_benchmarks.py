@@ -240,6 +240,7 @@ def test_the_battery_counts_only_confirmed_claims():
             "sure": [1, 0, 0],
             "sure right": [1, 0, 0],
             "false": [0, 1, 0],
+            "second record": [True, True, False],
         }
     )
     right, sure, unconfirmed, false = discrepancy_battery.certainty(table)

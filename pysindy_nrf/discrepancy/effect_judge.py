@@ -159,7 +159,7 @@ class EffectJudge:
         if not self.has_records or data.full is not data:
             return spectra
         if spectra not in self._every:
-            pieces = _cut(data.heldout, spectra.windows.length, data)
+            pieces = _pieces(data, (), spectra.windows.length)
             folds = Split([*data.search, *pieces], [])
             masses, filters = data.known_masses, data.filters
             every = SearchData(data.data, folds, masses, filters=filters)
@@ -208,8 +208,7 @@ class EffectJudge:
         key = spectra, instants
         if key not in self._spectra:
             full = spectra.data.full
-            blocks = steady_blocks(full, instants, spectra.windows.length / 2)
-            pieces = _cut(blocks, spectra.windows.length, full)
+            pieces = _pieces(full, instants, spectra.windows.length)
             windows = spectra.windows.over(pieces, data=full.data)
             self._spectra[key] = spectra.with_windows(full, windows)
         return self._spectra[key]
@@ -243,10 +242,22 @@ def stands_beside_another(new: Iterable[Effect], state: SearchState) -> bool:
     return False
 
 
+def _pieces(
+    data: SearchData, instants: Iterable[float], window: float
+) -> list[BlockRows]:
+    """Steady pieces of what is held out, from which a standard error follows.
+
+    The same pieces whatever channel was corrected.
+    """
+    origin = data.origin
+    blocks = steady_blocks(origin, instants, window / 2)
+    return origin.same_rows(_cut(blocks, window, origin), data.data)
+
+
 def _cut(
     blocks: Sequence[BlockRows], window: float, data: SearchData
 ) -> list[BlockRows]:
-    """Blocks cut into pieces from which a standard error follows."""
+    """Blocks cut into pieces of some windows."""
     n_parts = -(-EFFECT_JUDGE.n_pieces // len(blocks))
     pieces = []
     for block in blocks:

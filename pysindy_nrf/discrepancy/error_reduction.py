@@ -131,7 +131,16 @@ class ErrorReduction:
     def between(
         cls, before: Powers, after: Powers, informative: np.ndarray
     ) -> ErrorReduction:
-        """The error reduction from the powers of one model to those of another."""
+        """The error reduction from the powers of one model to those of another.
+
+        Minus infinity where the second lacks a fold, for which a corrected channel is
+        too short.
+        """
+        n_folds = len(before.folds)
+        if len(after.folds) != n_folds:
+            nothing = np.full(n_folds, -np.inf)
+            return cls(-np.inf, np.inf, nothing, -np.inf, -np.inf)
+
         value = float(mean_reduction(before.shares, after.shares, informative))
         left_before = residual_share(leave_one_out(before.folds), before.reference)
         left_after = residual_share(leave_one_out(after.folds), after.reference)

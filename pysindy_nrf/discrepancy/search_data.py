@@ -67,6 +67,8 @@ class SearchData:
         Of each record, through which residuals are diagnosed; no decision reads them.
     forces : KnownForces, optional
         As the records show them if None.
+    origin : SearchData, optional
+        The records before their channels were corrected; these if None.
 
     Attributes
     ----------
@@ -82,6 +84,7 @@ class SearchData:
         full: SearchData | None = None,
         filters: Sequence[ZeroPhaseFilter | None] | None = None,
         forces: KnownForces | None = None,
+        origin: SearchData | None = None,
     ) -> None:
         self.data = data
         self.folds = folds
@@ -91,6 +94,7 @@ class SearchData:
         self.filters = filters_of(None, data) if filters is None else list(filters)
         self.thinned: dict[ThinnedRows, np.ndarray] = {}
         self.forces = forces or KnownForces.of_records(data, self.searched)
+        self.origin = self if origin is None else origin
         self._full = full
         self._motions: dict[tuple[Site, tuple[int, ...]], Motion] = {}
         self._scales: dict[Site, Scales] = {}
@@ -137,8 +141,8 @@ class SearchData:
 
     def with_data(self, data: Dataset) -> SearchData:
         """The same rows of other motions (of corrected channels), where valid."""
-        search = self._same_rows(self.search, data)
-        heldout = self._same_rows(self.heldout, data)
+        search = self.same_rows(self.search, data)
+        heldout = self.same_rows(self.heldout, data)
         return SearchData(
             data,
             Split(search, heldout),
@@ -146,9 +150,10 @@ class SearchData:
             self._full,
             self.filters,
             forces=self.forces,
+            origin=self.origin,
         )
 
-    def _same_rows(self, blocks: Sequence[BlockRows], data: Dataset) -> list[BlockRows]:
+    def same_rows(self, blocks: Sequence[BlockRows], data: Dataset) -> list[BlockRows]:
         """Blocks of rows counted from the first valid row of other records."""
         out = []
         for block in blocks:

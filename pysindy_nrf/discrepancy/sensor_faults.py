@@ -311,10 +311,10 @@ class _Scan:
         self.model = model
         self.records = records
         self.suspect = suspect
-        self.start = start
         unit = _unit_of(suspect, model)
         self.least = FAULTS.least_share * unit
         self.reach = suspect.law.scan[1] * unit
+        self.start = float(np.clip(start, -self.reach, self.reach))
         self.is_large = abs(start) >= FAULTS.least_start * unit
 
     def reduction(self, value: float) -> float:

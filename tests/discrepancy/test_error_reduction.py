@@ -99,3 +99,12 @@ def test_of_what_cannot_be_told_apart_the_simplest_is_taken():
 
 def test_what_is_clearly_better_is_taken_however_large():
     assert judge.simplest([ranked(4, 8.0, 0.0), ranked(1, 5.0, 0.0)]) == 0
+
+
+def test_a_model_that_lacks_a_fold_is_no_better():
+    """A channel that is corrected by a long delay is too short for the last fold."""
+    before, reference = np.ones((6, 1, 4)), 100 * np.ones((1, 4))
+    informative = np.ones((1, 4), dtype=bool)
+    reduction = reduction_between(before, 0.1 * before[:5], reference, informative)
+    assert reduction.value == reduction.least == -np.inf
+    assert not judge.is_there(reduction)

@@ -55,8 +55,6 @@ class FinalEstimates:
         self.method = _method_of(request.baseline.estimation)
         self._made: dict[tuple[object, ...], IdentificationResult | None] = {}
         self._data: dict[tuple[object, ...], Dataset | None] = {}
-        # objects that are alive have numbers of their own
-        self._records: list[Record] = []
 
     def of(
         self,
@@ -95,7 +93,7 @@ class FinalEstimates:
     ) -> IdentificationResult | None:
         """What the method makes of a problem; None if it cannot be solved."""
         key = (
-            *_numbers_of(records),
+            *records,
             problem.band,
             *problem.laws.items(),
             *(problem.start or {}).items(),
@@ -109,17 +107,11 @@ class FinalEstimates:
     def _data_of(self, problem: Problem, records: Sequence[Record]) -> Dataset | None:
         """The records as the method needs them; None if they cannot be read so."""
         has_memory, needs_clock = problem.layout.has_memory, problem.needs_clock
-        key = (*_numbers_of(records), has_memory, needs_clock)
+        key = (*records, has_memory, needs_clock)
         if key not in self._data:
-            self._records += records
             settings = InputSettings(has_memory=has_memory, needs_clock=needs_clock)
             self._data[key] = _read(self.method, settings, records)
         return self._data[key]
-
-
-def _numbers_of(records: Sequence[Record]) -> tuple[int, ...]:
-    """Numbers that distinguish records."""
-    return tuple(map(id, records))
 
 
 def _read(

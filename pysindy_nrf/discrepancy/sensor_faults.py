@@ -51,7 +51,7 @@ class FaultSettings:
     least_reduction: float = 0.5
     least_share: float = 0.03
     # Size to first order, as a share, of a fault that is worth a search. Of those that
-    # are there (36 chains of 2 to 5 floors, all sensors of one late or wrongly scaled)
+    # are there (12 chains of 2 to 5 floors, all sensors of one late or wrongly scaled)
     # the least had 0.02; most that are not have 0.003 at most.
     least_start: float = 0.01
     # Evaluations of a scan.
@@ -263,7 +263,7 @@ def _promising_scans(
 
 
 def _unit_of(suspect: Suspect, model: FittedModel) -> float:
-    """The scale on which a fault is searched; of a time the mean period."""
+    """The scale on which a fault is searched; of a time, a radian of the mean rate."""
     if suspect.law.terms()[0].unit == "s":
         return 1.0 / mean_rate(model.spectra.data, suspect.site.p)
     return 1.0
